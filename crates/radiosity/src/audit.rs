@@ -131,6 +131,13 @@ struct Row {
     nowhere: u32,
 }
 
+impl Row {
+    /// Number of its rays.
+    fn cast(&self) -> u32 {
+        self.hits + self.open + self.black + self.nowhere
+    }
+}
+
 /// What a patch sends out per surface area: means over its elements.
 struct Outgoing {
     /// Mean presence (alpha).
@@ -253,7 +260,6 @@ pub(crate) fn audit(
     relaxation: &RelaxReport,
 ) -> Audit {
     let n = links.patches;
-    let rays = links.rays.max(1) as f64;
     let outgoing: Vec<Outgoing> = (0..n)
         .into_par_iter()
         .map(|i| Outgoing::new(world, cut, surfaces, direct, indirect[i], i))
@@ -312,6 +318,7 @@ pub(crate) fn audit(
                 by_element[e.min(15)] += gain;
                 count[e.min(15)] += 1.0;
             }
+            let rays = f64::from(row.cast().max(1));
             let mean = sum / rays;
             let independent = squares - sum * mean;
             // Rays from one point of one element are correlated, and the point is as random as they
@@ -337,26 +344,18 @@ pub(crate) fn audit(
         })
         .collect();
     let lamps = LampFlux::measure(world);
-    balance(
-        world, cut, links, surfaces, indirect, relaxation, &rows, &lamps,
-    )
+    balance(world, cut, surfaces, indirect, relaxation, &rows, &lamps)
 }
 
-#[allow(
-    clippy::too_many_arguments,
-    reason = "the second half of `audit`, apart for length only"
-)]
 fn balance(
     world: &World,
     cut: &Subdivision,
-    links: &Links,
     surfaces: &PatchSurfaces,
     indirect: &[DVec3],
     relaxation: &RelaxReport,
     rows: &[Row],
     lamps: &LampFlux,
 ) -> Audit {
-    let rays = links.rays.max(1) as f64;
     let mut total = Row {
         emitted: lamps.emitted + plain_emission(world),
         absorbed: lamps.taken,
@@ -370,6 +369,7 @@ fn balance(
         ..Audit::default()
     };
     let (mut reach, mut left, mut indirect_flux) = (0f64, 0f64, 0f64);
+    let (mut most_rays, mut all) = (0, 0u64);
     let mut most_reflecting = 0f64;
     let seen = || (rows.iter().enumerate()).filter(|(i, _)| !cut.patches()[*i].hidden);
     for (i, r) in seen() {
@@ -380,14 +380,16 @@ fn balance(
         total.escaped += r.escaped;
         total.rays += r.rays;
         total.direct += r.direct;
-        let share = r.hits as f64 / rays;
+        let share = f64::from(r.hits) / f64::from(r.cast().max(1));
+        most_rays = most_rays.max(r.cast());
+        all += u64::from(r.cast());
         reach += share;
         out.row_sum_min = out.row_sum_min.min(share);
         out.rays_escaped += r.open as u64;
         out.rays_behind += r.black as u64;
         out.rays_nowhere += r.nowhere as u64;
         out.rows_open += (r.open > 0) as u64;
-        out.rows_beyond += beyond(r, rays) as u64;
+        out.rows_beyond += beyond(r) as u64;
         most_reflecting = most_reflecting.max(surfaces.reflectance[i].max_element());
         indirect_flux += lum(indirect[i]) * surfaces.area[i];
     }
@@ -398,7 +400,7 @@ fn balance(
     out.flux_behind = total.behind.to_array();
     out.flux_escaped = total.escaped.to_array();
     let emitted = lum(total.emitted);
-    if emitted > 0.0 && links.rays > 0 {
+    if emitted > 0.0 && all > 0 {
         let balance = total.emitted - total.absorbed - total.behind - total.escaped;
         out.imbalance = lum(balance) / emitted;
         // `residual` bounds Σ A|r| / (1 − ρ), as a share of what arrives; r is what the balance
@@ -410,9 +412,11 @@ fn balance(
             direct: sigmas(total.direct),
             lamps: sigmas(lamps.variance),
             residual: left / emitted,
-            // A row's light from outside is a sum of `rays` f32 numbers, followed by some ten
+            // A row's light from outside is a sum of as many f32 numbers as it has rays, followed by some ten
             // operations. E exceeds the emitted light by the factor that interreflection adds.
-            rounding: (rays + 10.0) * 2f64.powi(-24) * (1.0 + indirect_flux / emitted),
+            rounding: (f64::from(most_rays) + 10.0)
+                * 2f64.powi(-24)
+                * (1.0 + indirect_flux / emitted),
         };
         let b = &out.bounds;
         // The three samplings are independent.
@@ -421,19 +425,18 @@ fn balance(
     }
     out.within_bound = out.imbalance.abs() <= out.bound;
     if out.rows_beyond > 0 {
-        let sum = |r: &Row| beyond(r, rays).then(|| (r.hits + r.open) as f64 / rays);
+        let sum = |r: &Row| beyond(r).then(|| f64::from(r.hits + r.open) / f64::from(r.cast()));
         out.beyond = by_node(world, cut, rows, sum);
     }
-    let all = links.rays as u64 * seen().count() as u64;
     if out.rays_escaped > 0 && out.rays_escaped < all / NEARLY_CLOSED {
-        let sum = |r: &Row| (r.open > 0).then(|| (r.hits as f64 + r.black as f64) / rays);
+        let sum = |r: &Row| (r.open > 0).then(|| f64::from(r.hits + r.black) / f64::from(r.cast()));
         out.gaps = by_node(world, cut, rows, sum);
     }
     out
 }
 
-fn beyond(r: &Row, rays: f64) -> bool {
-    (r.black + r.nowhere) as f64 > ROW_BOUND * rays
+fn beyond(r: &Row) -> bool {
+    (r.black + r.nowhere) as f64 > ROW_BOUND * f64::from(r.cast())
 }
 
 /// Groups the rows for which `sum` returns a value by node.

@@ -169,18 +169,14 @@ impl FirstBounce {
         radiosity: &[DVec3],
     ) -> DVec3 {
         let (own, share) = (&self.senders[patch], self.share[patch]);
-        let inverse = 1.0 / f64::from(links.rays.max(1));
         if share == 0.0 {
-            return links.gather(patch, radiosity) * inverse;
+            return links.gather(patch, radiosity);
         }
-        let rest = |j: usize| 1.0 - f64::from(own.of_samples(&self.senders[j], share));
-        let mut sum = DVec3::ZERO;
-        for (k, &j) in links.row(patch).iter().enumerate() {
-            if let Some(b) = radiosity.get(j as usize).filter(|b| **b != DVec3::ZERO) {
-                sum += *b * links.tint(patch, k) * rest(j as usize);
-            }
-        }
-        sum * inverse + self.sampled[patch * self.groups + group]
+        let sent = |j: usize| {
+            let b = radiosity.get(j).filter(|b| **b != DVec3::ZERO)?;
+            Some(*b * (1.0 - f64::from(own.of_samples(&self.senders[j], share))))
+        };
+        links.mean(patch, sent) + self.sampled[patch * self.groups + group]
     }
 }
 
@@ -247,7 +243,7 @@ impl LitScene<'_> {
         let (world, cut) = (self.world, self.cut);
         let own = &cut.elements()[cut.elements_of(PatchId(p as u32))];
         let area: f32 = own.iter().map(|e| e.area).sum();
-        let sequence = Sequence::from_set(SET, cut, PatchId(p as u32), count);
+        let sequence = Sequence::new(SET, cut, PatchId(p as u32), count);
         for k in 0..count {
             let s = sequence.sample(k);
             let at = self.point(cut.patches()[p].back, &own[pick(own, area, s[1])]);
@@ -333,7 +329,9 @@ mod tests {
             |of: f64| -> Vec<DVec3> { surfaces.direct_radiosity.iter().map(|b| *b * of).collect() };
         let parts = [part(0.25), part(0.75)];
         let mut links = Links::new(n, RAYS_OF_PATCH);
-        links.extend(&world, &cut, RAYS_OF_PATCH, &Silent).unwrap();
+        links
+            .extend(&world, &cut, |_| RAYS_OF_PATCH, &Silent)
+            .unwrap();
         let sent: f64 = (surfaces.area.iter().zip(&surfaces.direct_radiosity))
             .map(|(area, b)| area * b.x)
             .sum();
@@ -346,7 +344,7 @@ mod tests {
             sampled += surfaces.area[i] * whole.x;
             cast += surfaces.area[i] * links.gather(i, &surfaces.direct_radiosity).x;
         }
-        [sampled / sent, cast / f64::from(RAYS_OF_PATCH) / sent]
+        [sampled / sent, cast / sent]
     }
 
     #[test]

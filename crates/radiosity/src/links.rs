@@ -1,5 +1,7 @@
 //! Rays between patches: the rows of the form-factor matrix.
 
+use std::ops::Range;
+
 use glam::{DVec3, Vec3};
 use patch_subdivision::{Element, PatchId, Subdivision};
 use rayon::prelude::*;
@@ -16,20 +18,22 @@ pub(crate) const BLACK: u32 = u32::MAX - 1;
 /// The ray hit a surface without a patch (a triangle too small for any cell of its region).
 pub(crate) const NOWHERE: u32 = u32::MAX - 2;
 
-/// What each patch sees: `rays` cosine-distributed rays from points spread over it, and the patch
-/// that each of them hits.
+/// What each patch sees: cosine-distributed rays from points spread over it, and the patch that each
+/// of them hits.
 ///
 /// F_ij is estimated by the share of row *i* that refers to *j*. In every scene, the shares of a
 /// row (escaped rays included) sum to exactly 1. In a closed scene, the matrix therefore neither
 /// creates nor loses energy, which the closed-form furnace test verifies.
 pub(crate) struct Links {
     pub patches: usize,
-    /// Number of rays cast per patch so far.
-    pub rays: u32,
-    stride: u32,
+    /// Rays per patch, as planned; some patches may get [`TIMES`] as many.
+    planned: u32,
+    /// The rays of patch *i* are `starts[i]..starts[i + 1]`.
+    starts: Vec<usize>,
     targets: Vec<u32>,
     /// Colour transmitted along each ray, packed; empty if nothing colours light.
     tints: Vec<u32>,
+    tinted: bool,
     /// Number of light groups.
     groups: usize,
     /// Σ radiance over a patch's rays from everything but the reflection of other patches, i.e. the
@@ -40,34 +44,41 @@ pub(crate) struct Links {
 }
 
 impl Links {
-    /// Allocates `stride` rays per patch of a world.
-    pub(crate) fn of(world: &World, patches: usize, stride: u32) -> Self {
+    /// None yet, for `planned` rays per patch of a world.
+    pub(crate) fn of(world: &World, patches: usize, planned: u32) -> Self {
         let groups = world.group_count();
-        let tints = if world.tinted() {
-            vec![CLEAR; patches * stride as usize]
-        } else {
-            Vec::new()
-        };
         Links {
-            tints,
+            tinted: world.tinted(),
             groups,
             source: vec![Vec3::ZERO; patches * groups],
-            ..Links::new(patches, stride)
+            ..Links::new(patches, planned)
         }
     }
 
-    /// Allocates `stride` rays per patch, for one light group and colourless transmission.
-    pub(crate) fn new(patches: usize, stride: u32) -> Self {
+    /// The same for one light group and colourless transmission.
+    pub(crate) fn new(patches: usize, planned: u32) -> Self {
         Links {
             patches,
-            rays: 0,
-            stride,
-            targets: vec![ESCAPED; patches * stride as usize],
+            planned,
+            starts: vec![0; patches + 1],
+            targets: Vec::new(),
             tints: Vec::new(),
+            tinted: false,
             groups: 1,
             source: vec![Vec3::ZERO; patches],
             sky: vec![Vec3::ZERO; patches],
         }
+    }
+
+    /// Number of rays of the patch that has fewest.
+    pub(crate) fn fewest(&self) -> u32 {
+        let rays = (0..self.patches).map(|p| self.rays_of(p).len());
+        rays.min().unwrap_or(0) as u32
+    }
+
+    /// Number of rays of all patches.
+    pub(crate) fn count(&self) -> usize {
+        self.targets.len()
     }
 
     /// For each ray of a patch, in row order, the element from which it started (index within the
@@ -79,8 +90,9 @@ impl Links {
     ) -> impl Iterator<Item = usize> + use<'c> {
         let elements = &cut.elements()[cut.elements_of(patch)];
         let area: f32 = elements.iter().map(|e| e.area).sum();
-        let sequence = Sequence::of(cut, patch, self.stride);
-        (0..self.rays).map(move |k| pick(elements, area, sequence.sample(k)[2]))
+        let random = RowSequence::of(cut, patch, self.planned);
+        let rays = self.row(patch.0 as usize).len() as u32;
+        (0..rays).map(move |k| pick(elements, area, random.sample(k)[2]))
     }
 
     /// Number of a patch's rays that left the scene.
@@ -96,65 +108,69 @@ impl Links {
         patch: PatchId,
     ) -> impl Iterator<Item = Vec3> + use<'l> {
         let start = Start::of(cut, patch);
-        let sequence = Sequence::of(cut, patch, self.stride);
+        let random = RowSequence::of(cut, patch, self.planned);
         (self.row(patch.0 as usize).iter().enumerate())
             .filter(|(_, target)| **target == ESCAPED)
             .map(move |(k, _)| {
-                let s = sequence.sample(k as u32);
+                let s = random.sample(k as u32);
                 cosine_hemisphere(start.point(world, s[2]).normal, s[0], s[1])
             })
     }
 
     /// Memory in bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        (self.targets.len() * 4
-            + self.tints.len() * 4
-            + (self.source.len() + self.sky.len()) * size_of::<Vec3>()) as u64
+        (size_of_val(&self.starts[..])
+            + size_of_val(&self.targets[..])
+            + size_of_val(&self.tints[..])
+            + size_of_val(&self.source[..])
+            + size_of_val(&self.sky[..])) as u64
+    }
+
+    fn rays_of(&self, patch: usize) -> Range<usize> {
+        self.starts[patch]..self.starts[patch + 1]
     }
 
     /// The row of a patch.
     pub(crate) fn row(&self, patch: usize) -> &[u32] {
-        let at = patch * self.stride as usize;
-        &self.targets[at..at + self.rays as usize]
-    }
-
-    /// Whether transmission between patches is coloured.
-    pub(crate) fn tinted(&self) -> bool {
-        !self.tints.is_empty()
+        &self.targets[self.rays_of(patch)]
     }
 
     /// Transmittance along ray `k` of a patch.
     pub(crate) fn tint(&self, patch: usize, k: usize) -> DVec3 {
-        match self.tints.get(patch * self.stride as usize + k) {
+        match self.tints.get(self.starts[patch] + k) {
             Some(&packed) => unpack(packed),
             None => DVec3::ONE,
         }
     }
 
-    /// Σ over a patch's rays of `radiosity` at the other end times transmittance.
+    /// Mean over a patch's rays of `radiosity` at the other end times transmittance.
     pub(crate) fn gather(&self, patch: usize, radiosity: &[DVec3]) -> DVec3 {
-        let mut sum = DVec3::ZERO;
-        // Escaped and black rays have indices past the end.
-        if self.tinted() {
-            for (k, &j) in self.row(patch).iter().enumerate() {
-                if let Some(b) = radiosity.get(j as usize) {
-                    sum += *b * self.tint(patch, k);
-                }
+        self.mean(patch, |j| radiosity.get(j).copied())
+    }
+
+    /// The same of what `at` says of the patch at the other end: nothing of those past the end,
+    /// which escaped and black rays have.
+    #[inline]
+    pub(crate) fn mean(&self, patch: usize, at: impl Fn(usize) -> Option<DVec3>) -> DVec3 {
+        let (mut sum, row) = (DVec3::ZERO, self.row(patch));
+        if self.tints.is_empty() {
+            for b in row.iter().filter_map(|&j| at(j as usize)) {
+                sum += b;
             }
         } else {
-            for &j in self.row(patch) {
-                if let Some(b) = radiosity.get(j as usize) {
-                    sum += *b;
+            for (&j, &tint) in row.iter().zip(&self.tints[self.rays_of(patch)]) {
+                if let Some(b) = at(j as usize) {
+                    sum += b * unpack(tint);
                 }
             }
         }
-        sum
+        sum * (1.0 / row.len().max(1) as f64)
     }
 
     /// Irradiance of a patch from the sky and from gathered emission of a group.
     pub(crate) fn source(&self, patch: usize, group: usize) -> Vec3 {
         let sum = self.source[patch * self.groups + group];
-        sum * (std::f32::consts::PI / self.rays.max(1) as f32)
+        sum * self.per_ray(patch)
     }
 
     /// Irradiance of a patch from the sky and from gathered emission of all groups.
@@ -164,85 +180,105 @@ impl Links {
 
     /// Irradiance of a patch from the sky alone.
     pub(crate) fn sky(&self, patch: usize) -> Vec3 {
-        self.sky[patch] * (std::f32::consts::PI / self.rays.max(1) as f32)
+        self.sky[patch] * self.per_ray(patch)
     }
 
-    /// Casts rays until every patch has `rays`. If cancelled, it leaves the links of all patches
+    /// From a sum of radiance over a patch's rays to irradiance.
+    fn per_ray(&self, patch: usize) -> f32 {
+        std::f32::consts::PI / self.row(patch).len().max(1) as f32
+    }
+
+    /// Casts rays until every patch has as many as `wanted` says. If cancelled, it leaves all links
     /// unchanged.
     pub(crate) fn extend(
         &mut self,
         world: &World,
         cut: &Subdivision,
-        rays: u32,
+        wanted: impl Fn(usize) -> u32,
         monitor: &dyn Monitor,
     ) -> Result<(), Cancelled> {
-        const BLOCK: usize = 64;
-        let rays = rays.min(self.stride);
-        let (from, stride) = (self.rays, self.stride as usize);
-        let sources_before = (self.source.clone(), self.sky.clone());
+        let mut starts = vec![0];
+        for p in 0..self.patches {
+            let rays = self.rays_of(p).len().max(wanted(p) as usize);
+            starts.push(starts[p] + rays);
+        }
+        let count = starts[self.patches];
+        let mut targets = vec![ESCAPED; count];
+        let mut tints = vec![CLEAR; if self.tinted { count } else { 0 }];
+        let (mut source, mut sky) = (self.source.clone(), self.sky.clone());
+        let rows = rows_of(
+            &starts,
+            self.groups,
+            [&mut targets, &mut tints],
+            [&mut source, &mut sky],
+        );
+        let total = (count - self.count()) as u64;
         let done = std::sync::atomic::AtomicU64::new(0);
-        let total = (self.patches as u64) * (rays - from) as u64;
-        let tinted = self.tinted();
-        let groups = self.groups;
-        // Rows of tints next to the rows of targets, if there are any.
-        let mut no_tints: Vec<&mut [u32]> = Vec::new();
-        let blocks = self.patches.div_ceil(BLOCK);
-        let tints: Vec<&mut [u32]> = if tinted {
-            self.tints.chunks_mut(stride * BLOCK).collect()
-        } else {
-            no_tints.resize_with(blocks, || &mut []);
-            no_tints
-        };
-        let sources = self.source.par_chunks_mut(groups * BLOCK);
-        let skies = self.sky.par_chunks_mut(BLOCK);
-        self.targets
-            .par_chunks_mut(stride * BLOCK)
-            .zip(tints)
-            .zip(sources)
-            .zip(skies)
-            .enumerate()
-            .for_each(|(block, (((rows, tints), source), skies))| {
-                if monitor.cancelled() {
-                    return;
+        rows.into_par_iter().for_each(|(first, rows)| {
+            if monitor.cancelled() {
+                return;
+            }
+            let mut n = 0u64;
+            for (p, mut row) in (first..).zip(rows) {
+                let old = self.rays_of(p);
+                n += (row.targets.len() - old.len()) as u64;
+                row.targets[..old.len()].copy_from_slice(&self.targets[old.clone()]);
+                if self.tinted {
+                    row.tints[..old.len()].copy_from_slice(&self.tints[old.clone()]);
                 }
-                let mut n = 0u64;
-                let range = from as usize..rays as usize;
-                for (k, row) in rows.chunks_mut(stride).enumerate() {
-                    let patch = PatchId((block * BLOCK + k) as u32);
-                    n += (rays - from) as u64;
-                    if cut.patches()[patch.0 as usize].hidden {
-                        // It neither receives nor sends anything.
-                        row[range.clone()].fill(BLACK);
-                        continue;
-                    }
-                    let range = range.clone();
-                    let mut out = Row {
-                        sequence: Sequence::of(cut, patch, stride as u32),
-                        from,
-                        targets: &mut row[range.clone()],
-                        tints: if tinted {
-                            &mut tints[k * stride..][range]
-                        } else {
-                            &mut []
-                        },
-                        source: &mut source[k * groups..(k + 1) * groups],
-                        sky: &mut skies[k],
-                    };
-                    cast(world, cut, patch, &mut out);
+                if cut.patches()[p].hidden {
+                    // It neither receives nor sends anything.
+                    row.targets[old.len()..].fill(BLACK);
+                } else {
+                    let patch = PatchId(p as u32);
+                    let random = RowSequence::of(cut, patch, self.planned);
+                    cast(world, cut, patch, random, old.len(), &mut row);
                 }
-                let now = done.fetch_add(n, std::sync::atomic::Ordering::Relaxed) + n;
-                monitor.progress(Phase::Links, now, total);
-            });
+            }
+            let now = done.fetch_add(n, std::sync::atomic::Ordering::Relaxed) + n;
+            monitor.progress(Phase::Links, now, total);
+        });
         if done.into_inner() != total {
-            // The sources of finished rows already include the new rays, so they are restored.
-            self.source = sources_before.0;
-            self.sky = sources_before.1;
             return Err(Cancelled);
         }
-        self.rays = rays;
+        self.starts = starts;
+        self.targets = targets;
+        self.tints = tints;
+        self.source = source;
+        self.sky = sky;
         Ok(())
     }
 }
+
+/// Blocks of rows, each with the number of its first patch: `starts` as in [`Links`], targets and
+/// tints by ray, sources by patch and group, the sky by patch.
+fn rows_of<'l>(
+    starts: &[usize],
+    groups: usize,
+    [targets, tints]: [&'l mut [u32]; 2],
+    [source, sky]: [&'l mut [Vec3]; 2],
+) -> Vec<(usize, Vec<Row<'l>>)> {
+    const BLOCK: usize = 64;
+    let (mut targets, mut tints) = (targets, tints);
+    let mut rows =
+        (starts.windows(2).zip(source.chunks_mut(groups)).zip(sky)).map(|((ends, source), sky)| {
+            let rays = ends[1] - ends[0];
+            let tinted = rays.min(tints.len());
+            Row {
+                targets: targets.split_off_mut(..rays).unwrap_or_default(),
+                tints: tints.split_off_mut(..tinted).unwrap_or_default(),
+                source,
+                sky,
+            }
+        });
+    (0..starts.len() - 1)
+        .step_by(BLOCK)
+        .map(|first| (first, rows.by_ref().take(BLOCK).collect()))
+        .collect()
+}
+
+/// Patches whose light is reflected often get this many times the rays of others.
+pub(crate) const TIMES: u32 = 4;
 
 /// Most patches whose rays are blocks of one sequence.
 const TOGETHER: u32 = 256;
@@ -265,13 +301,8 @@ pub(crate) struct Sequence {
 }
 
 impl Sequence {
-    /// For at most `stride` rays per patch.
-    fn of(cut: &Subdivision, patch: PatchId, stride: u32) -> Sequence {
-        Sequence::from_set(0, cut, patch, stride)
-    }
-
-    /// The same with another set of random numbers.
-    pub(crate) fn from_set(set: u32, cut: &Subdivision, patch: PatchId, stride: u32) -> Sequence {
+    /// Blocks of at least `stride` points, of one set of random numbers.
+    pub(crate) fn new(set: u32, cut: &Subdivision, patch: PatchId, stride: u32) -> Sequence {
         let name = cut.patches()[patch.0 as usize].name;
         let block = stride.next_power_of_two();
         let together = (POINTS / block).clamp(1, TOGETHER);
@@ -287,6 +318,35 @@ impl Sequence {
         sample_4d(self.first + k, self.set, self.seed)
     }
 }
+
+/// The random numbers of a row: the rays that are planned take those of one sequence, further ones
+/// those of another, so that both are well distributed.
+#[derive(Clone, Copy)]
+struct RowSequence {
+    planned: u32,
+    first: Sequence,
+    further: Sequence,
+}
+
+impl RowSequence {
+    fn of(cut: &Subdivision, patch: PatchId, planned: u32) -> Self {
+        RowSequence {
+            planned,
+            first: Sequence::new(0, cut, patch, planned),
+            further: Sequence::new(FURTHER, cut, patch, (TIMES - 1) * planned),
+        }
+    }
+
+    fn sample(self, k: u32) -> [f32; 4] {
+        match k.checked_sub(self.planned) {
+            Some(k) => self.further.sample(k),
+            None => self.first.sample(k),
+        }
+    }
+}
+
+/// The set of random numbers of further rays.
+const FURTHER: u32 = 62;
 
 /// The patch element from which a ray with third sample dimension `x` starts: by area, where `area`
 /// is their sum.
@@ -327,9 +387,6 @@ impl<'c> Start<'c> {
 
 /// Where the rays of one patch are written.
 struct Row<'l> {
-    sequence: Sequence,
-    /// The index of the first ray.
-    from: u32,
     targets: &'l mut [u32],
     /// Empty if transmission is colourless.
     tints: &'l mut [u32],
@@ -338,13 +395,20 @@ struct Row<'l> {
     sky: &'l mut Vec3,
 }
 
-/// Casts rays of a patch and sums the radiance that is not reflected.
-fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
+/// Casts the rays of a patch from number `from` on and adds up the radiance that is not reflected.
+fn cast(
+    world: &World,
+    cut: &Subdivision,
+    patch: PatchId,
+    random: RowSequence,
+    from: usize,
+    out: &mut Row,
+) {
     let start = Start::of(cut, patch);
     // Summed separately first, because short sums round less.
     let mut source = [Vec3::ZERO; 2];
-    for (k, target) in out.targets.iter_mut().enumerate() {
-        let s = out.sequence.sample(out.from + k as u32);
+    for (k, target) in out.targets.iter_mut().enumerate().skip(from) {
+        let s = random.sample(k as u32);
         let p = start.point(world, s[2]);
         let direction = cosine_hemisphere(p.normal, s[0], s[1]);
         let (found, tint) = world.incoming(p.origin, direction);

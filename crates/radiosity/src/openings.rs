@@ -88,15 +88,14 @@ impl Openings {
             return Openings::default();
         }
         let n = cut.patches().len();
-        let [outdoors, seldom] =
-            [OUTDOORS, SELDOM].map(|share| (share * links.rays as f32) as usize);
+        let part = |share: f32, p: usize| (share * links.row(p).len() as f32) as usize;
         let light = |d: Vec3| (number(d), luminance(world.sky.radiance(d)));
         let mut cubes: BTreeMap<(i32, [i32; 3]), Cube> = BTreeMap::new();
         for first in (0..n).step_by(BLOCK) {
             let found: Vec<(usize, Vec<(u16, f32)>)> = (first..n.min(first + BLOCK))
                 .into_par_iter()
                 .with_min_len(64)
-                .filter(|&p| !cut.patches()[p].hidden && links.escaped_rays(p) <= outdoors)
+                .filter(|&p| !cut.patches()[p].hidden && links.escaped_rays(p) <= part(OUTDOORS, p))
                 .map(|p| {
                     let directions = links.escaped(world, cut, PatchId(p as u32));
                     (p, directions.map(light).collect())
@@ -104,7 +103,7 @@ impl Openings {
                 .collect();
             for (p, found) in found {
                 let cube = cubes.entry(cube_of(world, cut, p)).or_default();
-                if found.len() <= seldom {
+                if found.len() <= part(SELDOM, p) {
                     cube.patches.push(p as u32);
                 }
                 cube.escaped += found.len();

@@ -120,13 +120,12 @@ impl System<'_> {
             .zip(self.reflectance)
             .map(|(e, r)| *e * *r)
             .collect();
-        let inverse = 1.0 / self.links.rays.max(1) as f64;
         (0..self.len())
             .into_par_iter()
             .with_min_len(64)
             .map(|i| {
-                let sum = self.links.gather(i, &radiosity);
-                self.source[i] * scale + sum * inverse - x[i] * minus
+                let gathered = self.links.gather(i, &radiosity);
+                self.source[i] * scale + gathered - x[i] * minus
             })
             .collect()
     }
@@ -159,7 +158,8 @@ impl System<'_> {
             return 0.0;
         }
         let most = most.min(HIGHEST);
-        let mean = squares / area.max(1e-300) / self.links.rays.max(1) as f64;
+        let rays = self.links.count() as f64 / self.len() as f64;
+        let mean = squares / area.max(1e-300) / rays.max(1.0);
         let noise = 4.0 * most * (uneven * mean).sqrt();
         let has = all.element_sum();
         let all = (has - excess / (1.0 - most)).max(1e-3 * has);
@@ -209,7 +209,6 @@ impl System<'_> {
         report: &mut RelaxReport,
     ) {
         let n = self.len();
-        let inverse = 1.0 / self.links.rays.max(1) as f64;
         let reflected = |(e, r): (&DVec3, &DVec3)| *e * *r;
         let mut radiosity: Vec<DVec3> = x.iter().zip(self.reflectance).map(reflected).collect();
         let mut change = vec![DVec3::ZERO; n];
@@ -221,7 +220,7 @@ impl System<'_> {
                 let block = first..(first + n.div_ceil(BLOCKS)).min(n);
                 let gathered: Vec<DVec3> = (block.clone().into_par_iter())
                     .with_min_len(64)
-                    .map(|i| self.source[i] + self.links.gather(i, &radiosity) * inverse)
+                    .map(|i| self.source[i] + self.links.gather(i, &radiosity))
                     .collect();
                 for (i, e) in block.zip(gathered) {
                     change[i] = (e - x[i]) * self.reflectance[i];

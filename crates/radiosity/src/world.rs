@@ -353,7 +353,7 @@ impl<'a> World<'a> {
             t_max: f32::INFINITY,
         };
         let coin = Coin::new(self.scene, self.soup);
-        let hit = (self.bvh.closest_hit(&ray, &coin)).map(|hit| self.facing(hit));
+        let hit = (self.bvh.closest_hit(&ray, &coin)).map(|hit| self.facing(&ray, hit));
         let tint = if self.tinted && coin.passed_glass() {
             let t_max = hit.map_or(f32::INFINITY, |h| self.just_before(&ray, &h));
             let glass = Glass::behind_the_coin(self.scene, self.soup);
@@ -386,16 +386,57 @@ impl<'a> World<'a> {
     /// The first surface along a ray, whichever side it shows.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         let hit = (self.bvh).closest_hit(ray, &Coin::new(self.scene, self.soup))?;
-        Some(self.facing(hit))
+        Some(self.facing(ray, hit))
     }
 
-    /// See [`facing`].
+    /// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the
+    /// ray in the same place, if there is one: both are at the same distance, and the tree reports
+    /// either. Walls are often built so, with a face for each side.
     #[inline]
-    fn facing(&self, hit: Hit) -> Hit {
-        match hit.back && !self.two_sided(hit.triangle) {
-            true => facing(self.soup, hit),
-            false => hit,
+    fn facing(&self, ray: &Ray, hit: Hit) -> Hit {
+        if !hit.back || self.two_sided(hit.triangle) {
+            return hit;
         }
+        match facing(self.soup, hit) {
+            twin if !twin.back => twin,
+            _ => self.front_at(ray, &hit).unwrap_or(hit),
+        }
+    }
+
+    /// For faces back to back that are divided into other triangles, so that none has a twin. Of
+    /// several, the one with the lowest number.
+    #[cold]
+    fn front_at(&self, ray: &Ray, hit: &Hit) -> Option<Hit> {
+        let q = ray.origin + ray.direction * hit.t;
+        let reach = 2.0 * self.offset(q);
+        let mut front: Option<Hit> = None;
+        self.bvh
+            .any_near(q - reach, q + reach, |triangle, [a, b, c]| {
+                let normal = self.soup.normals[triangle as usize];
+                let back = normal.dot(ray.direction) > 0.0;
+                let shows = !back || self.two_sided(triangle);
+                if !shows || normal.dot(q - a).abs() > reach {
+                    return false;
+                }
+                let double = normal.dot((b - a).cross(c - a));
+                let u = normal.dot((q - a).cross(c - a)) / double;
+                let v = normal.dot((b - a).cross(q - a)) / double;
+                let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
+                if inside && self.scene.presence(self.soup, triangle, u, v) >= 1.0 {
+                    front = match front.take() {
+                        Some(other) if other.triangle < triangle => Some(other),
+                        _ => Some(Hit {
+                            triangle,
+                            t: hit.t,
+                            u,
+                            v,
+                            back,
+                        }),
+                    };
+                }
+                false
+            });
+        front
     }
 
     /// Transmittance (per channel, 0..=1) from `origin` along `direction` (any length) to parameter
@@ -482,7 +523,7 @@ impl<'a> World<'a> {
                 t_min: 0.0,
                 t_max: 1.0,
             };
-            (self.bvh.closest_hit(&ray, &Opaque)).map(|hit| self.facing(hit))
+            (self.bvh.closest_hit(&ray, &Opaque)).map(|hit| self.facing(&ray, hit))
         };
         // One of the two segments may hit nothing.
         let shows = |hit: Option<Hit>, back: bool| {

@@ -42,7 +42,7 @@ fn exchange(
     let cut = Subdivision::build(&soup, |t| world.two_sided(t as u32), &options);
     let n = cut.patches().len();
     let mut links = Links::new(n, RAYS);
-    links.extend(&world, &cut, RAYS, &Silent).unwrap();
+    links.extend(&world, &cut, |_| RAYS, &Silent).unwrap();
     let of: Vec<usize> = (0..n)
         .map(|i| {
             let e = cut.elements()[cut.patches()[i].first_element as usize];
@@ -220,7 +220,7 @@ fn a_wall_on_an_endless_floor_sees_half_of_the_sky() {
     };
     let cut = Subdivision::build(&soup, |_| false, &options);
     let mut links = Links::new(cut.patches().len(), RAYS);
-    links.extend(&world, &cut, RAYS, &Silent).unwrap();
+    links.extend(&world, &cut, |_| RAYS, &Silent).unwrap();
     let mut walls = 0;
     for i in 0..cut.patches().len() {
         let e = cut.elements()[cut.patches()[i].first_element as usize];
@@ -325,7 +325,7 @@ fn rays_of_neighbouring_patches_are_stratified_together() {
     let n = cut.patches().len();
     let hits = |rays: u32| -> Vec<f64> {
         let mut links = Links::new(n, rays);
-        links.extend(&world, &cut, rays, &Silent).unwrap();
+        links.extend(&world, &cut, |_| rays, &Silent).unwrap();
         let of_row = |i| links.row(i).iter().filter(|&&j| j < BLACK - 1).count() as f64;
         (0..n / 256)
             .map(|g| (256 * g..256 * (g + 1)).map(of_row).sum::<f64>() / f64::from(rays))

@@ -34,7 +34,7 @@ impl Problem {
         let cut = Subdivision::build(&soup, |_| false, &cut);
         let n = cut.patches().len();
         let mut links = Links::new(n, 256);
-        links.extend(&world, &cut, 256, &Silent).unwrap();
+        links.extend(&world, &cut, |_| 256, &Silent).unwrap();
         Problem {
             links,
             reflectance: (0..n)
@@ -70,7 +70,7 @@ impl Problem {
                 row[n] = self.source[i][channel];
                 for &j in self.links.row(i) {
                     row[j as usize] -=
-                        self.reflectance[j as usize][channel] / self.links.rays as f64;
+                        self.reflectance[j as usize][channel] / self.links.row(i).len() as f64;
                 }
             }
             for k in 0..n {

@@ -272,11 +272,14 @@ fn links_of_a_cube_are_its_form_factors() {
     let n = cut.patches().len();
     let face = faces(&soup, &cut);
     let mut links = Links::new(n, 1024);
-    // In two steps, as in the solver: the second continues the sequence of the first.
-    for rays in [100, 1024] {
+    // In steps, as in the solver: the second continues the sequence of the first, and the third
+    // gives some patches more rays.
+    let rays_of = |p: usize| if p % 3 == 0 { TIMES * 1024 } else { 1024 };
+    for rays in [|_| 100, |_| 1024, rays_of] {
         links.extend(&world, &cut, rays, &Silent).unwrap();
-        assert_eq!(links.rays, rays);
+        assert!((0..n).all(|p| links.row(p).len() == rays(p) as usize));
     }
+    assert_eq!(links.fewest(), 1024);
     let (mut from, mut to) = ([0f64; 6], [[0f64; 6]; 6]);
     let mut squares = [0f64; 6];
     for i in 0..n {
@@ -285,7 +288,6 @@ fn links_of_a_cube_are_its_form_factors() {
         squares[face[i]] += area * area;
         // In a closed scene, all rays end on patches, so the row sums to exactly 1, and what they
         // see is the emission.
-        assert_eq!(links.row(i).len(), 1024);
         assert!(
             (links.all_sources(i) / std::f32::consts::PI - 1.0)
                 .abs()
@@ -294,7 +296,7 @@ fn links_of_a_cube_are_its_form_factors() {
         );
         for &j in links.row(i) {
             assert!((j as usize) < n, "patch {i}: target {j:#x} is no patch");
-            to[face[i]][face[j as usize]] += area / 1024.0;
+            to[face[i]][face[j as usize]] += area / links.row(i).len() as f64;
         }
     }
     for a in 0..6 {
@@ -330,6 +332,34 @@ fn links_of_a_cube_are_its_form_factors() {
 }
 
 #[test]
+fn patches_whose_light_is_reflected_often_get_more_rays() {
+    let rays_of = |reflectance: f32, most: u64| {
+        let scene = cube(reflectance, Vec3::ONE);
+        let soup = Soup::build(&scene);
+        let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+        let emitters = Emitters::collect(&world);
+        let mut options = options(200, 64);
+        options.link_bytes = most;
+        let solution = solve(&world, &emitters, &options, &Silent);
+        let patches = solution.cut.patches().len() as u64;
+        assert_eq!(solution.report.rays_per_patch, 64);
+        (solution.report.link_rays, patches * 64)
+    };
+    // In a closed room light arrives 1 / (1 − ρ) times.
+    let arrivals = |n: f64| 1.0 - 1.0 / n;
+    let (more, plain) = rays_of(arrivals(1.5 * OFTEN) as f32, u64::MAX);
+    assert_eq!(more, u64::from(TIMES) * plain);
+    let (fewer, plain) = rays_of(arrivals(OFTEN / 1.5) as f32, u64::MAX);
+    assert_eq!(fewer, plain);
+    // Not if links would take more memory than they may.
+    let (short, plain) = rays_of(
+        arrivals(1.5 * OFTEN) as f32,
+        4 * plain * u64::from(TIMES) - 4,
+    );
+    assert_eq!(short, plain);
+}
+
+#[test]
 fn cancelled_links_stay_as_they_were() {
     let scene = cube(0.5, Vec3::ONE);
     let soup = Soup::build(&scene);
@@ -337,22 +367,22 @@ fn cancelled_links_stay_as_they_were() {
     let cut = Subdivision::build(&soup, |_| false, &options(200, 0).cut);
     let n = cut.patches().len();
     let mut links = Links::new(n, 64);
-    links.extend(&world, &cut, 16, &Silent).unwrap();
+    links.extend(&world, &cut, |_| 16, &Silent).unwrap();
     let before: Vec<_> = (0..n)
         .map(|i| (links.row(i).to_vec(), links.all_sources(i)))
         .collect();
     // The first block of 64 patches is cast, the others are not.
     let monitor = CancelAfter(AtomicU32::new(1));
-    assert!(links.extend(&world, &cut, 64, &monitor).is_err());
+    assert!(links.extend(&world, &cut, |_| 64, &monitor).is_err());
     for (i, (row, source)) in before.iter().enumerate() {
         assert_eq!(links.row(i), row);
         assert_eq!(links.all_sources(i), *source);
     }
     // They can continue from there to the result of an uncancelled run.
-    links.extend(&world, &cut, 64, &Silent).unwrap();
+    links.extend(&world, &cut, |_| 64, &Silent).unwrap();
     let mut fresh = Links::new(n, 64);
-    fresh.extend(&world, &cut, 16, &Silent).unwrap();
-    fresh.extend(&world, &cut, 64, &Silent).unwrap();
+    fresh.extend(&world, &cut, |_| 16, &Silent).unwrap();
+    fresh.extend(&world, &cut, |_| 64, &Silent).unwrap();
     for i in 0..n {
         assert_eq!(links.row(i), fresh.row(i));
         assert_eq!(links.all_sources(i), fresh.all_sources(i));

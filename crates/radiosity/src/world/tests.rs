@@ -56,6 +56,56 @@ fn a_wall_stands_between_what_it_parts() {
 }
 
 #[test]
+fn of_faces_back_to_back_each_side_sees_a_front() {
+    // A leaning wall, 40 m from the origin so that positions are rounded: one quad shows one side,
+    // and three that share no triangle with it the other.
+    let [corner, x, y] = [
+        Vec3::new(40.0, 7.3, -31.1),
+        Vec3::new(3.1, 0.7, 0.4),
+        Vec3::new(-0.3, 1.7, 2.9),
+    ];
+    let mut scene = floor();
+    let mut add = |corner, x, y| add_quad(&mut scene, material(0.5, Vec3::ZERO), corner, x, y);
+    add(corner, x, y);
+    for k in 0..3 {
+        add(corner + x * (k as f32 / 3.0), y, x / 3.0);
+    }
+    // Half of the wall has a face on one side only.
+    add(corner + x * 2.0, y, x);
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+    let normal = x.cross(y).normalize();
+    let sees = |along: f32, side: f32, k: u32| {
+        let [u, v, a, b] = crate::sampling::sample_4d(k, 0, 5);
+        let target = corner + x * (along + u) + y * v;
+        let aside = (x * (a - 0.5) + y * (b - 0.5)) * 2.0;
+        let origin = target + normal * (side * 4.0) + aside;
+        world.incoming(origin, (target - origin).normalize()).0
+    };
+    for k in 0..2000 {
+        for side in [1.0, -1.0] {
+            let Incoming::Surface(hit) = sees(0.0, side, k) else {
+                panic!("ray {k} from side {side} sees a back");
+            };
+            let facing = soup.normals[hit.triangle as usize].dot(normal) * side;
+            assert!(!hit.back && facing > 0.0, "ray {k}, side {side}: {hit:?}");
+            // The same point of the other face.
+            let [a, b, c] = soup.triangles[hit.triangle as usize];
+            let at = a * (1.0 - hit.u - hit.v) + b * hit.u + c * hit.v;
+            let [u, v, ..] = crate::sampling::sample_4d(k, 0, 5);
+            assert!(at.distance(corner + x * u + y * v) < 1e-4, "ray {k}: {at}");
+        }
+    }
+    // Where nothing is behind, a back is a back.
+    let shown = |side: f32| {
+        (0..100)
+            .filter(|&k| matches!(sees(2.0, side, k), Incoming::Surface(_)))
+            .count()
+    };
+    assert_eq!([shown(1.0), shown(-1.0)], [0, 100]);
+}
+
+#[test]
 fn a_threshold_is_no_wall_and_neither_is_a_grille() {
     let mut scene = floor();
     let corner = Vec3::new(0.1, 0.0, -1.0);
