@@ -386,10 +386,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     /// Takes the first samples of a light, and adds it to the sum unless they disagree about
     /// visibility. `share` is roughly the light's share of the total, which determines how many
     /// samples it gets.
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "a light, and all that decides how it is begun"
-    )]
     fn begin<'t, P: FnMut(u32) -> SurfacePoint>(
         &self,
         term: Term<'t>,

@@ -389,54 +389,13 @@ impl<'a> World<'a> {
         Some(self.facing(ray, hit))
     }
 
-    /// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the
-    /// ray in the same place, if there is one: both are at the same distance, and the tree reports
-    /// either. Walls are often built so, with a face for each side.
+    /// See [`facing`].
     #[inline]
     fn facing(&self, ray: &Ray, hit: Hit) -> Hit {
-        if !hit.back || self.two_sided(hit.triangle) {
-            return hit;
+        match hit.back && !self.two_sided(hit.triangle) {
+            true => facing(self.scene, self.soup, &self.bvh, ray, hit),
+            false => hit,
         }
-        match facing(self.soup, hit) {
-            twin if !twin.back => twin,
-            _ => self.front_at(ray, &hit).unwrap_or(hit),
-        }
-    }
-
-    /// For faces back to back that are divided into other triangles, so that none has a twin. Of
-    /// several, the one with the lowest number.
-    #[cold]
-    fn front_at(&self, ray: &Ray, hit: &Hit) -> Option<Hit> {
-        let q = ray.origin + ray.direction * hit.t;
-        let reach = 2.0 * self.offset(q);
-        let mut front: Option<Hit> = None;
-        self.bvh
-            .any_near(q - reach, q + reach, |triangle, [a, b, c]| {
-                let normal = self.soup.normals[triangle as usize];
-                let back = normal.dot(ray.direction) > 0.0;
-                let shows = !back || self.two_sided(triangle);
-                if !shows || normal.dot(q - a).abs() > reach {
-                    return false;
-                }
-                let double = normal.dot((b - a).cross(c - a));
-                let u = normal.dot((q - a).cross(c - a)) / double;
-                let v = normal.dot((b - a).cross(q - a)) / double;
-                let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
-                if inside && self.scene.presence(self.soup, triangle, u, v) >= 1.0 {
-                    front = match front.take() {
-                        Some(other) if other.triangle < triangle => Some(other),
-                        _ => Some(Hit {
-                            triangle,
-                            t: hit.t,
-                            u,
-                            v,
-                            back,
-                        }),
-                    };
-                }
-                false
-            });
-        front
     }
 
     /// Transmittance (per channel, 0..=1) from `origin` along `direction` (any length) to parameter
@@ -691,11 +650,12 @@ impl<'a> World<'a> {
     }
 }
 
-/// A hit on the back of a single-sided triangle, moved to the front of the triangle that is back to
-/// back with it, if there is one: both are at the same distance, and the tree reports either.
-pub fn facing(soup: &Soup, hit: Hit) -> Hit {
+/// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the ray in
+/// the same place, if there is one: both are at the same distance, and the tree reports either.
+/// Walls are often built so, with a face for each side.
+pub fn facing(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: Hit) -> Hit {
     let Some(twin) = soup.twin(hit.triangle) else {
-        return hit;
+        return shown_at(scene, soup, bvh, ray, &hit).unwrap_or(hit);
     };
     let [u, v] = twin.weights(hit.u, hit.v);
     Hit {
@@ -705,6 +665,40 @@ pub fn facing(soup: &Soup, hit: Hit) -> Hit {
         v,
         back: false,
     }
+}
+
+/// The surface that shows itself to the ray where it hits the back of one: that of a wall whose faces
+/// are divided into different triangles. Of several, the one with the lowest number.
+#[cold]
+fn shown_at(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: &Hit) -> Option<Hit> {
+    let q = ray.origin + ray.direction * hit.t;
+    let reach = 2.0 * offset(q, ray.origin.abs().max(q.abs()).max_element());
+    let mut shown: Option<Hit> = None;
+    bvh.any_near(q - reach, q + reach, |triangle, [a, b, c]| {
+        let normal = soup.normals[triangle as usize];
+        let back = normal.dot(ray.direction) > 0.0;
+        let material = &scene.materials[soup.materials[triangle as usize] as usize];
+        if back && !material.double_sided || normal.dot(q - a).abs() > reach {
+            return false;
+        }
+        let double = normal.dot((b - a).cross(c - a));
+        let u = normal.dot((q - a).cross(c - a)) / double;
+        let v = normal.dot((b - a).cross(q - a)) / double;
+        let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
+        let first = shown.is_none_or(|other| triangle < other.triangle);
+        if inside && first && scene.presence(soup, triangle, u, v) >= 1.0 {
+            let t = hit.t;
+            shown = Some(Hit {
+                triangle,
+                t,
+                u,
+                v,
+                back,
+            });
+        }
+        false
+    });
+    shown
 }
 
 /// A triangle clipped by seven planes has at most ten corners.

@@ -21,6 +21,7 @@ mod nets;
 mod plan;
 mod random;
 mod shapes;
+mod sheets;
 mod steps;
 mod suite;
 mod terrain;
@@ -66,11 +67,13 @@ pub enum Family {
     Lamps,
     /// A hotel suite lit only through its windows.
     Suite,
+    /// Rooms whose walls have no thickness, but a face for each side.
+    Sheets,
 }
 
 impl Family {
     /// All of them.
-    pub const ALL: [Family; 14] = [
+    pub const ALL: [Family; 15] = [
         Family::Greybox,
         Family::Kit,
         Family::Archviz,
@@ -85,6 +88,7 @@ impl Family {
         Family::Uv1,
         Family::Lamps,
         Family::Suite,
+        Family::Sheets,
     ];
 
     /// The name in files and on the command line.
@@ -104,6 +108,7 @@ impl Family {
             Family::Uv1 => "uv1",
             Family::Lamps => "lamps",
             Family::Suite => "suite",
+            Family::Sheets => "sheets",
         }
     }
 
@@ -124,6 +129,7 @@ impl Family {
             Family::Uv1 => "lightmap coordinates of its own, good and bad",
             Family::Lamps => "few and many lamps in halls and corridors",
             Family::Suite => "a hotel suite lit through its windows alone",
+            Family::Sheets => "rooms of walls without thickness, a face for each side",
         }
     }
 
@@ -143,6 +149,7 @@ impl Family {
             Family::Uv1 => uv1::make,
             Family::Lamps => lamps::make,
             Family::Suite => suite::make,
+            Family::Sheets => sheets::make,
         }
     }
 }

@@ -147,7 +147,7 @@ impl Tree {
                     continue;
                 }
                 if let Some(t) = meets_triangle(&self.triangles[i], ray, self.t_min)
-                    && t < t_max
+                    && self.comes_first(ray, Hit { t, triangle: i }, best)
                 {
                     t_max = t;
                     best = Some(Hit { t, triangle: i });
@@ -160,6 +160,19 @@ impl Tree {
         best
     }
 
+    /// Whether `hit` comes before the nearest one so far. Of two in the same place, as of the faces of
+    /// a wall without thickness, it is the one that shows its front.
+    fn comes_first(&self, ray: &Ray, hit: Hit, best: Option<Hit>) -> bool {
+        let Some(best) = best else {
+            return hit.t < ray.t_max;
+        };
+        let front = |h: &Hit| self.triangles[h.triangle].normal().dot(ray.direction) < 0.0;
+        match (hit.t - best.t).abs() < SAME * best.t && front(&hit) != front(&best) {
+            true => front(&hit),
+            false => hit.t < best.t,
+        }
+    }
+
     /// [`closest`](Tree::closest) by testing every triangle: the tree must agree with it.
     pub fn closest_of_all(&self, ray: &Ray) -> Option<Hit> {
         let mut best: Option<Hit> = None;
@@ -168,7 +181,7 @@ impl Tree {
                 continue;
             }
             if let Some(t) = meets_triangle(triangle, ray, self.t_min)
-                && t < best.map_or(ray.t_max, |b| b.t)
+                && self.comes_first(ray, Hit { t, triangle: i }, best)
             {
                 best = Some(Hit { t, triangle: i });
             }
@@ -176,6 +189,9 @@ impl Tree {
         best
     }
 }
+
+/// Relative difference of distances at which two hits are in the same place: some roundings of f64.
+const SAME: f64 = 1e-13;
 
 fn meets_box(node: &Node, origin: DVec3, inverse: DVec3, t_max: f64) -> bool {
     let (a, b) = ((node.min - origin) * inverse, (node.max - origin) * inverse);

@@ -152,14 +152,17 @@ impl LitScene<'_> {
                 break;
             };
             ray.t_min = hit.t;
-            if hit.back {
-                hit = radiosity::facing(self.soup, hit);
+            let material_of = |hit: &Hit| {
+                &self.scene.materials[self.soup.materials[hit.triangle as usize] as usize]
+            };
+            let culled = |hit: &Hit| hit.back && !material_of(hit).double_sided;
+            if culled(&hit) {
+                hit = radiosity::facing(self.scene, self.soup, self.bvh, &ray, hit);
             }
-            let material =
-                &self.scene.materials[self.soup.materials[hit.triangle as usize] as usize];
-            if hit.back && !material.double_sided {
+            if culled(&hit) {
                 continue;
             }
+            let material = material_of(&hit);
             if seen.triangle == u32::MAX {
                 (seen.distance, seen.triangle) = (hit.t, hit.triangle);
             }

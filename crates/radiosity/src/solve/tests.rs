@@ -274,7 +274,13 @@ fn links_of_a_cube_are_its_form_factors() {
     let mut links = Links::new(n, 1024);
     // In steps, as in the solver: the second continues the sequence of the first, and the third
     // gives some patches more rays.
-    let rays_of = |p: usize| if p % 3 == 0 { TIMES * 1024 } else { 1024 };
+    let rays_of = |p: usize| {
+        if p.is_multiple_of(3) {
+            TIMES * 1024
+        } else {
+            1024
+        }
+    };
     for rays in [|_| 100, |_| 1024, rays_of] {
         links.extend(&world, &cut, rays, &Silent).unwrap();
         assert!((0..n).all(|p| links.row(p).len() == rays(p) as usize));
