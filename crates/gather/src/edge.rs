@@ -195,7 +195,8 @@ impl Gatherer<'_, '_> {
                 continue;
             }
             let outside = some_in_a_room && around[k] == Around::Outside;
-            *hidden = outside || some_before && dark[k][0] >= BEHIND;
+            *hidden =
+                outside || some_before && dark[k][0] >= BEHIND || Point::inside_together(all.of(k));
             if !*hidden {
                 let one = self.see(all, mask, &all.planes[k]);
                 let unlit = self.tracer.is_dark(one.light());

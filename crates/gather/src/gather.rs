@@ -55,8 +55,10 @@ impl Gatherer<'_, '_> {
         let buried: Vec<bool> = (points.iter())
             .map(|p| covered && world.out_of_sight(p, GAP * footprint.reach()))
             .collect();
+        // Together points know more than the few rays of each.
+        let inside = Point::inside_together(sums.iter());
         let mut open: Vec<bool> = (sums.iter().zip(&buried))
-            .map(|(s, buried)| !buried && !s.inside())
+            .map(|(s, buried)| !(inside || *buried || s.inside()))
             .collect();
         let in_the_open = open.iter().filter(|&&o| o).count();
         if in_the_open == 0 || !options.open_only {
