@@ -17,7 +17,7 @@ use crate::openings::Openings;
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
-use crate::world::{Emission, Incoming, SurfacePoint, World, luminance};
+use crate::world::{Emission, Side, SurfacePoint, World, luminance};
 
 /// The resolution of a solve.
 #[derive(Debug, Clone, Copy)]
@@ -416,20 +416,30 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     // is one that a ray leaves that far: drawn like this, points are distributed by how much of the
     // view of them is from afar.
     const OTHERS: u32 = 8;
+    // A single back may be seen from a room; inside something they are a large part.
+    const FEW_BACKS: u32 = 1;
     let point = |p: PatchId, k: usize, [u, v]: [f32; 2]| -> Option<SurfacePoint> {
         let triangle = cut.elements()[k].triangle;
         let back = cut.patches()[p.0 as usize].back;
         let point = world.surface_point(triangle, u, v, back, false);
         (!world.inside_a_body(&point)).then_some(point)
     };
-    let cast = |k: usize, point: &SurfacePoint, ray: u32| -> Option<f32> {
+    let cast = |k: usize, point: &SurfacePoint, ray: u32| -> Side {
         let [a, b] = sample_2d(ray, 2, hash_u32(k as u32 ^ 0x7f4a_7c15));
-        let direction = cosine_hemisphere(point.normal, a, b);
-        match world.incoming(point.origin, direction).0 {
-            Incoming::Black => None,
-            Incoming::Surface(hit) => Some(hit.t),
-            Incoming::Escaped => Some(f32::INFINITY),
+        world.side_met(point.origin, cosine_hemisphere(point.normal, a, b))
+    };
+    // The distance of the first surface that shows itself. What may be the side of a wall or of
+    // something solid counts if hardly any backs are beside it.
+    let first = |k: usize, point: SurfacePoint| -> Option<f32> {
+        let (mut backs, mut either) = (0, None);
+        for ray in 0..RAYS {
+            match cast(k, &point, ray) {
+                Side::Shown(t) => return Some(t),
+                Side::Back => backs += 1,
+                Side::Either(t) => either = either.or(Some(t)),
+            }
         }
+        either.filter(|_| backs <= FEW_BACKS)
     };
     let look = |p: PatchId, k: usize| -> Seen {
         let e = &cut.elements()[k];
@@ -437,8 +447,7 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
             return Seen::default(); // the element's own light is counted where it starts
         }
         let own = point(p, k, [e.u, e.v]);
-        let first = |point| (0..RAYS).find_map(|i| cast(k, &point, i));
-        let Some(t) = own.and_then(first) else {
+        let Some(t) = own.and_then(|point| first(k, point)) else {
             return Seen {
                 buried: true,
                 ..Seen::default()
@@ -448,7 +457,10 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         let id = ElementId(k as u32);
         let mut others = (0..OTHERS).map(|i| (RAYS + i, cut.another_point(id, world.soup, i)));
         let from_afar = |(ray, uv): &(u32, [f32; 2])| {
-            point(p, k, *uv).is_some_and(|point| cast(k, &point, *ray) >= Some(edge))
+            point(p, k, *uv).is_some_and(|point| match cast(k, &point, *ray) {
+                Side::Shown(t) | Side::Either(t) => t >= edge,
+                Side::Back => false,
+            })
         };
         Seen {
             buried: false,

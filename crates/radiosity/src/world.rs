@@ -389,6 +389,28 @@ impl<'a> World<'a> {
         Some(self.facing(ray, hit))
     }
 
+    /// Which side of something a ray meets. Faces back to back are the two sides of a wall without
+    /// thickness, or where two solid things touch; then a ray in one of them meets both, too.
+    pub(crate) fn side_met(&self, origin: Vec3, direction: Vec3) -> Side {
+        let ray = Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
+        let coin = Coin::new(self.scene, self.soup);
+        let Some(hit) = self.bvh.closest_hit(&ray, &coin) else {
+            return Side::Shown(f32::INFINITY);
+        };
+        let shown = self.facing(&ray, hit);
+        let twins = self.soup.twin(hit.triangle).is_some();
+        match hit.back && !self.two_sided(hit.triangle) {
+            true if shown.triangle == hit.triangle => Side::Back,
+            true if !twins => Side::Either(hit.t),
+            _ => Side::Shown(hit.t),
+        }
+    }
+
     /// See [`facing`].
     #[inline]
     fn facing(&self, ray: &Ray, hit: Hit) -> Hit {
@@ -648,6 +670,17 @@ impl<'a> World<'a> {
             Vec3::ZERO
         }
     }
+}
+
+/// What [`World::side_met`] finds, with its distance.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Side {
+    /// A surface that shows itself, or nothing at an infinite distance.
+    Shown(f32),
+    /// The back of a single-sided face.
+    Back,
+    /// That, and a surface that shows itself in the same place.
+    Either(f32),
 }
 
 /// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the ray in

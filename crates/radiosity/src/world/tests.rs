@@ -96,6 +96,29 @@ fn of_faces_back_to_back_each_side_sees_a_front() {
             assert!(at.distance(corner + x * u + y * v) < 1e-4, "ray {k}: {at}");
         }
     }
+    // What it is the side of remains open, at half of the hits.
+    let either = |along, side, k| {
+        let [u, v, ..] = crate::sampling::sample_4d(k, 0, 5);
+        let target = corner + x * (along + u) + y * v;
+        let origin = target + normal * (side * 4.0);
+        world.side_met(origin, -normal * side)
+    };
+    let met = |along, side| {
+        let mut met = [0; 3];
+        for k in 0..500 {
+            met[match either(along, side, k) {
+                Side::Shown(_) => 0,
+                Side::Either(_) => 1,
+                Side::Back => 2,
+            }] += 1;
+        }
+        met
+    };
+    for side in [1.0, -1.0] {
+        let [shown, either, back] = met(0.0, side);
+        assert!(back == 0 && shown + either == 500);
+    }
+    assert_eq!(met(2.0, 1.0), [0, 0, 500]);
     // Where nothing is behind, a back is a back.
     let shown = |side: f32| {
         (0..100)
