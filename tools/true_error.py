@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FIELDS = ["label", "level", "quality", "lumels", "claimed_rms", "true_rms", "claimed_median",
           "true_median", "layer_rms", "bias", "noise_rms", "seconds"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-FAMILIES = ("archviz", "blocks", "furniture", "greybox", "kit", "lamps", "maze", "suite")
+FAMILIES = ("archviz", "blocks", "furniture", "greybox", "kit", "lamps", "maze", "sheets", "suite")
 
 
 def read_pages(folder):
