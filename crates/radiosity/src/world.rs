@@ -7,6 +7,7 @@ use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
 use crate::bounce::Bounce;
 use crate::curved::{Curved, height};
 use crate::emitters::brightness;
+use crate::facing::{backed, facing};
 use crate::glass::{Coin, Glass};
 use crate::groups::LightGroups;
 use crate::roles::{LampRoles, MaskLamps};
@@ -96,6 +97,8 @@ pub struct World<'a> {
     pub roles: Option<LampRoles>,
     bvh: Bvh,
     two_sided: Vec<bool>,
+    /// Whether [`facing`](facing()) may find another surface; per triangle that rays see.
+    pub(crate) backed: Vec<bool>,
     /// Reflectance of materials with a uniform one, so that rays need not look up their triangles.
     even: Vec<Option<Vec3>>,
     /// Whether any surface transmits light.
@@ -143,6 +146,7 @@ impl<'a> World<'a> {
             stand_ins: StandIns::find(scene, soup, &options.tree)?,
             emission: classify_emission(scene, soup),
             curved: Curved::find(scene, soup),
+            backed: backed(scene, soup, &bvh, radius),
             two_sided: scene.materials.iter().map(|m| m.double_sided).collect(),
             sky,
             bright,
@@ -411,10 +415,10 @@ impl<'a> World<'a> {
         }
     }
 
-    /// See [`facing`].
+    /// See [`facing`](facing()).
     #[inline]
     fn facing(&self, ray: &Ray, hit: Hit) -> Hit {
-        match hit.back && !self.two_sided(hit.triangle) {
+        match hit.back && self.backed[hit.triangle as usize] {
             true => facing(self.scene, self.soup, &self.bvh, ray, hit),
             false => hit,
         }
@@ -683,57 +687,6 @@ pub(crate) enum Side {
     Either(f32),
 }
 
-/// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the ray in
-/// the same place, if there is one: both are at the same distance, and the tree reports either.
-/// Walls are often built so, with a face for each side.
-pub fn facing(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: Hit) -> Hit {
-    let Some(twin) = soup.twin(hit.triangle) else {
-        return shown_at(scene, soup, bvh, ray, &hit).unwrap_or(hit);
-    };
-    let [u, v] = twin.weights(hit.u, hit.v);
-    Hit {
-        triangle: twin.triangle,
-        t: hit.t,
-        u,
-        v,
-        back: false,
-    }
-}
-
-/// The surface that shows itself to the ray where it hits the back of one: that of a wall whose faces
-/// are divided into different triangles. Of several, the one with the lowest number.
-#[cold]
-fn shown_at(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: &Hit) -> Option<Hit> {
-    let q = ray.origin + ray.direction * hit.t;
-    let reach = 2.0 * offset(q, ray.origin.abs().max(q.abs()).max_element());
-    let mut shown: Option<Hit> = None;
-    bvh.any_near(q - reach, q + reach, |triangle, [a, b, c]| {
-        let normal = soup.normals[triangle as usize];
-        let back = normal.dot(ray.direction) > 0.0;
-        let material = &scene.materials[soup.materials[triangle as usize] as usize];
-        if back && !material.double_sided || normal.dot(q - a).abs() > reach {
-            return false;
-        }
-        let double = normal.dot((b - a).cross(c - a));
-        let u = normal.dot((q - a).cross(c - a)) / double;
-        let v = normal.dot((b - a).cross(q - a)) / double;
-        let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
-        let first = shown.is_none_or(|other| triangle < other.triangle);
-        if inside && first && scene.presence(soup, triangle, u, v) >= 1.0 {
-            let t = hit.t;
-            shown = Some(Hit {
-                triangle,
-                t,
-                u,
-                v,
-                back,
-            });
-        }
-        false
-    });
-    shown
-}
-
 /// A triangle clipped by seven planes has at most ten corners.
 type Polygon = smallvec::SmallVec<[Vec3; 10]>;
 
@@ -812,7 +765,7 @@ fn above_the_middle(a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> Vec3 {
 }
 
 /// [`World::offset`] in a scene whose largest coordinate is `radius`.
-fn offset(position: Vec3, radius: f32) -> f32 {
+pub(crate) fn offset(position: Vec3, radius: f32) -> f32 {
     1e-6 * position.abs().max_element() + 2e-7 * radius
 }
 

@@ -1,6 +1,7 @@
 //! Triangles near a place.
 
 use glam::Vec3;
+use smallvec::{SmallVec, smallvec};
 
 use crate::bvh::Bvh;
 use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
@@ -18,7 +19,7 @@ impl Bvh {
         if self.nodes.is_empty() {
             return false;
         }
-        let mut stack = vec![Child::node(0)];
+        let mut stack: SmallVec<[Child; 64]> = smallvec![Child::node(0)];
         while let Some(child) = stack.pop() {
             if child.is_leaf() {
                 for pack in &self.packs[child.packs()] {
@@ -32,13 +33,19 @@ impl Bvh {
                 continue;
             }
             let node = &self.nodes[child.0 as usize];
-            for slot in 0..WIDTH {
-                let (lo, hi) = node.child_box(slot);
-                // Boxes of empty slots are inverted and overlap nothing.
-                if lo.cmple(high).all() && hi.cmpge(low).all() {
-                    stack.push(node.child(slot));
+            // All children at a time, in a form that compilers turn into vector instructions. Boxes
+            // of empty slots are inverted and overlap nothing.
+            let mut overlap = [true; WIDTH];
+            for (axis, [lo, hi]) in node.bounds.iter().enumerate() {
+                for slot in 0..WIDTH {
+                    overlap[slot] &= (lo[slot] <= high[axis]) & (hi[slot] >= low[axis]);
                 }
             }
+            stack.extend(
+                (0..WIDTH)
+                    .filter(|&slot| overlap[slot])
+                    .map(|slot| node.child(slot)),
+            );
         }
         false
     }
