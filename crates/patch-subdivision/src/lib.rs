@@ -32,5 +32,5 @@ mod walls;
 
 pub use region::{RegionId, RegionOptions};
 pub use subdivision::{
-    Element, ElementId, Locus, Options, Patch, PatchId, Stats, Subdivision, Tap,
+    Element, ElementId, Locus, Options, Patch, PatchId, PointOn, Stats, Subdivision, Tap,
 };

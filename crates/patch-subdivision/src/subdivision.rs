@@ -148,8 +148,27 @@ pub struct Subdivision {
     pub(crate) tables: Vec<u32>,
     pub(crate) patches: Vec<Patch>,
     pub(crate) elements: Vec<Element>,
+    /// Of elements with parts on several triangles, in their order; until some are hidden.
+    parts: Vec<Part>,
     pub(crate) walls: Walls,
     patch_size: f32,
+}
+
+/// The part of an element on one triangle.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    element: u32,
+    triangle: u32,
+    area: f32,
+}
+
+/// A point of an element: its triangle, and barycentrics like those of [`Element`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointOn {
+    /// The triangle.
+    pub triangle: u32,
+    /// The barycentrics.
+    pub uv: [f32; 2],
 }
 
 /// Contribution of one region before numbering.
@@ -160,6 +179,7 @@ struct Piece {
     table: Vec<u32>,
     patches: Vec<Patch>,
     elements: Vec<Element>,
+    parts: Vec<Part>,
 }
 
 impl Subdivision {
@@ -181,6 +201,7 @@ impl Subdivision {
             tables: Vec::new(),
             patches: Vec::new(),
             elements: Vec::new(),
+            parts: Vec::new(),
             walls: Walls::default(),
             patch_size: size,
         };
@@ -216,6 +237,12 @@ impl Subdivision {
                     name: base + side * count + k as u32,
                     ..*patch
                 });
+                let first = self.elements.len() as u32;
+                let parts = parts_of(&piece.parts, points.start as u32..points.end as u32);
+                self.parts.extend(parts.iter().map(|part| Part {
+                    element: part.element - patch.first_element + first,
+                    ..*part
+                }));
                 self.elements
                     .extend_from_slice(&piece.elements[points.clone()]);
             }
@@ -302,9 +329,8 @@ impl Subdivision {
         q.map(|x| ((x * sub).floor() + 0.5) / sub)
     }
 
-    /// Another point of the element, on the same triangle: barycentrics like those of [`Element`].
-    /// `number` tells its points apart.
-    pub fn another_point(&self, element: ElementId, soup: &Soup, number: u32) -> [f32; 2] {
+    /// Another point of the element, drawn uniformly from it. `number` tells its points apart.
+    pub fn another_point(&self, element: ElementId, soup: &Soup, number: u32) -> PointOn {
         let e = &self.elements[element.0 as usize];
         let region = &self.regions[self.region_of_triangle[e.triangle as usize] as usize];
         let (sub, [columns, rows]) = (region.frame.sub as f32, region.fine());
@@ -312,15 +338,26 @@ impl Subdivision {
         let fine = (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as u32;
         let seed = hash(hash(element.0).wrapping_add(number));
         let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
-        let random = [random(1), random(2)];
-        draw_point(soup, &region.frame, e.triangle, fine, random)
+        let parts = parts_of(&self.parts, element.0..element.0 + 1);
+        let areas = parts.iter().map(|part| (part.triangle, part.area));
+        let triangle = draw_triangle(areas, random(3)).unwrap_or(e.triangle);
+        let uv = draw_point(soup, &region.frame, triangle, fine, [random(1), random(2)]);
+        PointOn { triangle, uv }
     }
 
-    /// Moves points of elements: for each, the barycentrics of another point of its triangle.
-    pub fn move_points(&mut self, moved: &[(ElementId, [f32; 2])]) {
-        for (element, [u, v]) in moved {
+    /// Moves points of elements.
+    pub fn move_points(&mut self, moved: &[(ElementId, PointOn)]) {
+        for (element, to) in moved {
             let e = &mut self.elements[element.0 as usize];
-            (e.u, e.v) = (*u, *v);
+            (e.triangle, [e.u, e.v]) = (to.triangle, to.uv);
+        }
+    }
+
+    /// Reduces the areas of elements to the given shares: the rest is covered by something, and
+    /// neither sends light nor receives any. For [`hide`](Self::hide) to count them, first.
+    pub fn keep_shares(&mut self, shares: &[(ElementId, f32)]) {
+        for (element, share) in shares {
+            self.elements[element.0 as usize].area *= share;
         }
     }
 
@@ -449,6 +486,8 @@ impl Subdivision {
             patch.elements = (kept.len() - patch.first_element as usize) as u16;
         }
         self.elements = kept;
+        // They are numbered anew.
+        self.parts = Vec::new();
     }
 
     /// Sizes for the report.
@@ -530,6 +569,7 @@ fn cut_region(
         table: vec![NONE; (frame.cells[0] * frame.cells[1]) as usize],
         patches: Vec::new(),
         elements: Vec::with_capacity(runs.len()),
+        parts: Vec::new(),
     };
     for run in runs {
         let fine = run[0].fine;
@@ -551,6 +591,14 @@ fn cut_region(
         let (r, c) = (fine / fine_width % frame.sub, fine % fine_width % frame.sub);
         patch.mask |= 1 << (r * frame.sub + c);
         patch.elements += 1;
+        let number = piece.elements.len() as u32;
+        if run.len() > 1 {
+            piece.parts.extend(run.iter().map(|f| Part {
+                element: number,
+                triangle: f.triangle,
+                area: f.area,
+            }));
+        }
         let element = draw_element(soup, &frame, run);
         patch.area += element.area;
         piece.elements.push(element);
@@ -565,28 +613,37 @@ fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
     // every run.
     let seed = hash(run[0].triangle ^ run[0].fine.wrapping_mul(0x9e37_79b9));
     let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
-    let mut left = random(1) as f32 * area;
-    let mut chosen = run[run.len() - 1];
-    for f in run {
-        if left < f.area {
-            chosen = *f;
-            break;
-        }
-        left -= f.area;
-    }
-    let [u, v] = draw_point(
-        soup,
-        frame,
-        chosen.triangle,
-        chosen.fine,
-        [random(2), random(3)],
-    );
+    let areas = run.iter().map(|f| (f.triangle, f.area));
+    let triangle = draw_triangle(areas, random(1)).unwrap_or(run[0].triangle);
+    let [u, v] = draw_point(soup, frame, triangle, run[0].fine, [random(2), random(3)]);
     Element {
-        triangle: chosen.triangle,
+        triangle,
         u,
         v,
         area,
     }
+}
+
+/// The parts of a range of elements.
+fn parts_of(parts: &[Part], elements: std::ops::Range<u32>) -> &[Part] {
+    let from = parts.partition_point(|part| part.element < elements.start);
+    let len = parts[from..].partition_point(|part| part.element < elements.end);
+    &parts[from..from + len]
+}
+
+/// One of triangles, in proportion to the areas of their parts; `None` of none. `x` ∈ [0, 1).
+fn draw_triangle(parts: impl Iterator<Item = (u32, f32)> + Clone, x: f64) -> Option<u32> {
+    let area: f32 = parts.clone().map(|(_, area)| area).sum();
+    let mut left = x as f32 * area;
+    let mut chosen = None;
+    for (triangle, area) in parts {
+        chosen = Some(triangle);
+        if left < area {
+            break;
+        }
+        left -= area;
+    }
+    chosen
 }
 
 /// Barycentrics of a point of the triangle inside fine cell `fine`, given two random numbers.

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use mesh_ingest::Pyramids;
-use patch_subdivision::{ElementId, Options as CutOptions, PatchId, Stats, Subdivision};
+use patch_subdivision::{ElementId, Options as CutOptions, PatchId, PointOn, Stats, Subdivision};
 use rayon::prelude::*;
 
 use crate::audit::audit;
@@ -346,8 +346,10 @@ pub(crate) fn divide(world: &World, options: &SolveOptions) -> Divided {
         buried,
         close,
         moved,
+        partly,
     } = survey(world, &cut);
     cut.move_points(&moved);
+    cut.keep_shares(&partly);
     let crowded = match options.crowded {
         true => find_crowded(&cut, &buried, &close),
         false => vec![false; cut.patches().len()],
@@ -398,7 +400,10 @@ struct Survey {
     /// Whether its ray hits something within a patch's edge length.
     close: Vec<bool>,
     /// Points that are seen from further away than that, of elements whose own point may not be.
-    moved: Vec<(ElementId, [f32; 2])>,
+    moved: Vec<(ElementId, PointOn)>,
+    /// Elements of which something covers a part, and the share that is like their point: covered
+    /// or not.
+    partly: Vec<(ElementId, f32)>,
 }
 
 /// Finds the elements that are inside something, and those with something close to them.
@@ -416,12 +421,14 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     // is one that a ray leaves that far: drawn like this, points are distributed by how much of the
     // view of them is from afar.
     const OTHERS: u32 = 8;
+    // Points that tell how large a part of an element something covers.
+    const POINTS: u32 = 8;
     // A single back may be seen from a room; inside something they are a large part.
     const FEW_BACKS: u32 = 1;
-    let point = |p: PatchId, k: usize, [u, v]: [f32; 2]| -> Option<SurfacePoint> {
-        let triangle = cut.elements()[k].triangle;
+    let point = |p: PatchId, on: PointOn| -> Option<SurfacePoint> {
         let back = cut.patches()[p.0 as usize].back;
-        let point = world.surface_point(triangle, u, v, back, false);
+        let [u, v] = on.uv;
+        let point = world.surface_point(on.triangle, u, v, back, false);
         (!world.inside_a_body(&point)).then_some(point)
     };
     let cast = |k: usize, point: &SurfacePoint, ray: u32| -> Side {
@@ -441,13 +448,34 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         }
         either.filter(|_| backs <= FEW_BACKS)
     };
+    // What lies on an element covers the part below, which nobody sees from afar. Points are moved
+    // out of there, so the element counts with the rest of its area. Parts in a body are another
+    // matter: points stay there, and then the element does not count at all.
+    let partly = |p: PatchId, id: ElementId, own: PointOn| -> Option<(ElementId, f32)> {
+        let width = element_edge(cut, own.triangle);
+        let own = point(p, own)?;
+        if !world.anything_above(&own, width) {
+            return None;
+        }
+        let is_covered = world.covered(&own, width);
+        let others = (0..POINTS).map(|i| cut.another_point(id, world.soup, OTHERS + i));
+        let (mut all, mut alike) = (1, 1);
+        for other in others.filter_map(|on| point(p, on)) {
+            all += 1;
+            alike += u32::from(world.covered(&other, width) == is_covered);
+        }
+        (alike < all).then_some((id, alike as f32 / all as f32))
+    };
     let look = |p: PatchId, k: usize| -> Seen {
         let e = &cut.elements()[k];
         if world.emission(e.triangle) != Emission::None {
             return Seen::default(); // the element's own light is counted where it starts
         }
-        let own = point(p, k, [e.u, e.v]);
-        let Some(t) = own.and_then(|point| first(k, point)) else {
+        let own = PointOn {
+            triangle: e.triangle,
+            uv: [e.u, e.v],
+        };
+        let Some(t) = point(p, own).and_then(|point| first(k, point)) else {
             return Seen {
                 buried: true,
                 ..Seen::default()
@@ -456,20 +484,21 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         let edge = cut.patch_edge(e.triangle);
         let id = ElementId(k as u32);
         let mut others = (0..OTHERS).map(|i| (RAYS + i, cut.another_point(id, world.soup, i)));
-        let from_afar = |(ray, uv): &(u32, [f32; 2])| {
-            point(p, k, *uv).is_some_and(|point| match cast(k, &point, *ray) {
+        let from_afar = |(ray, on): &(u32, PointOn)| {
+            point(p, *on).is_some_and(|point| match cast(k, &point, *ray) {
                 Side::Shown(t) | Side::Either(t) => t >= edge,
                 Side::Back => false,
             })
         };
+        let moved = match t < edge {
+            true => others.find(from_afar).map(|(_, on)| on),
+            false => None,
+        };
         Seen {
             buried: false,
             close: t < edge,
-            moved: if t < edge {
-                others.find(from_afar).map(|(_, uv)| (id, uv))
-            } else {
-                None
-            },
+            moved: moved.map(|on| (id, on)),
+            partly: partly(p, id, moved.unwrap_or(own)),
         }
     };
     let seen: Vec<Seen> = (0..cut.patches().len() as u32)
@@ -483,6 +512,7 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         buried: seen.iter().map(|s| s.buried).collect(),
         close: seen.iter().map(|s| s.close).collect(),
         moved: seen.iter().filter_map(|s| s.moved).collect(),
+        partly: seen.iter().filter_map(|s| s.partly).collect(),
     }
 }
 
@@ -491,7 +521,8 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
 struct Seen {
     buried: bool,
     close: bool,
-    moved: Option<(ElementId, [f32; 2])>,
+    moved: Option<(ElementId, PointOn)>,
+    partly: Option<(ElementId, f32)>,
 }
 
 /// Share of a patch's visible elements with something close to them from which the patch counts as

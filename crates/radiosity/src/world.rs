@@ -333,13 +333,18 @@ impl<'a> World<'a> {
     /// Whether nobody sees a point on a surface: it is in a body, or something opaque lies less than
     /// `gap` metres above it, e.g. a carpet.
     pub fn out_of_sight(&self, p: &SurfacePoint, gap: f32) -> bool {
+        self.inside_a_body(p) || self.covered(p, gap)
+    }
+
+    /// Whether something opaque lies less than `gap` metres above a point.
+    pub(crate) fn covered(&self, p: &SurfacePoint, gap: f32) -> bool {
         let above = Ray {
             origin: p.origin,
             direction: p.geometric,
             t_min: 0.0,
             t_max: gap,
         };
-        self.inside_a_body(p) || self.bvh.occluded(&above, &Opaque)
+        self.bvh.occluded(&above, &Opaque)
     }
 
     /// What arrives at `origin` from the unit `direction`, and the transmittance per channel of

@@ -5,7 +5,7 @@ use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 
 use super::*;
-use crate::fixtures::{add_quad, cube, lamp, material};
+use crate::fixtures::{add_quad, add_triangles, cube, lamp, material};
 use crate::monitor::Silent;
 use crate::sky::Sky;
 use crate::world::WorldOptions;
@@ -658,4 +658,52 @@ fn light_of_groups_is_by_patch_then_by_group() {
     let all = interleave(&groups, 3, |group, patch| Vec3::splat(group[patch]));
     let expected = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0].map(Vec3::splat);
     assert_eq!(all, expected);
+}
+
+#[test]
+fn the_part_of_an_element_under_something_does_not_count() {
+    // A shelf hangs 1 mm above a floor of 6 by 5 metres, which is one quad, or is cut along it.
+    let [low, high] = [[1.013, 0.507], [1.417, 4.521]];
+    let shelf = (high[0] - low[0]) * (high[1] - low[1]);
+    for cuts in [&[0.0, 6.0][..], &[0.0, low[0], high[0], 6.0]] {
+        let mut scene = Scene::default();
+        let corners = |x: &f32| [Vec3::X * *x, Vec3::new(*x, 0.0, 5.0)];
+        let strips = 0..cuts.len() as u32 - 1;
+        add_triangles(
+            &mut scene,
+            material(0.5, Vec3::ZERO),
+            cuts.iter().flat_map(corners).collect(),
+            strips
+                .flat_map(|k| [[0, 1, 3], [0, 3, 2]].map(|t| t.map(|c: u32| 2 * k + c)))
+                .collect(),
+        );
+        add_quad(
+            &mut scene,
+            material(0.5, Vec3::ZERO),
+            Vec3::new(low[0], 1e-3, low[1]),
+            Vec3::X * (high[0] - low[0]),
+            Vec3::Z * (high[1] - low[1]),
+        );
+        let soup = Soup::build(&scene);
+        let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+        let Divided { cut, .. } = divide(&world, &options(600, 16));
+        let [mut open, mut covered] = [0.0; 2];
+        for e in cut.elements() {
+            let at = world.surface_point(e.triangle, e.u, e.v, false, false);
+            let p = at.position - soup.triangles[0][0];
+            if at.geometric.y < 0.9 || p.y.abs() > 1e-4 {
+                continue;
+            }
+            match world.covered(&at, 0.01) {
+                true => covered += e.area,
+                false => open += e.area,
+            }
+        }
+        // Some 150 elements of 36 cm² each are partly under the shelf. If they counted as a whole,
+        // the open area would be 0.27 m² too large. A ninth of that is from counting their own point.
+        let off = open - (30.0 - shelf);
+        assert!(off.abs() < 0.06, "{cuts:?}: open {open}, {off} too large");
+        // All that are partly open have their point there, so what is covered is 6 cm narrower.
+        assert!(covered < 0.93 * shelf, "{cuts:?}: {covered} of {shelf}");
+    }
 }
