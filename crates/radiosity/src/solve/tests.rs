@@ -699,8 +699,8 @@ fn the_part_of_an_element_under_something_does_not_count() {
                 false => open += e.area,
             }
         }
-        // Some 150 elements of 36 cm² each are partly under the shelf. If they counted as a whole,
-        // the open area would be 0.27 m² too large. A ninth of that is from counting their own point.
+        // If elements that are partly under the shelf counted as a whole, the open area would be
+        // 0.46 m² too large. A ninth of that is from counting their own point.
         let off = open - (30.0 - shelf);
         assert!(off.abs() < 0.06, "{cuts:?}: open {open}, {off} too large");
         // All that are partly open have their point there, so what is covered is 6 cm narrower.
