@@ -41,7 +41,9 @@ pub(crate) fn backed(scene: &Scene, soup: &Soup, bvh: &Bvh, radius: f32) -> Vec<
     (0..soup.seen() as u32)
         .into_par_iter()
         .with_min_len(256)
-        .map(|triangle| !double_sided(triangle) && may_show(triangle))
+        .map(|triangle| {
+            !double_sided(triangle) && (soup.twin(triangle).is_some() || may_show(triangle))
+        })
         .collect()
 }
 
