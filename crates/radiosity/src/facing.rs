@@ -14,8 +14,8 @@ const MOST_NEAR: usize = 4096;
 /// Cosine of the angle up to which two faces count as one wall's. Others meet in a line.
 const ONE_WALL: f32 = 0.5;
 
-/// For each triangle that rays see, whether it is single-sided and another one may show itself where
-/// a ray meets its back. `radius` is the largest coordinate of the scene.
+/// For each triangle that rays see, whether it is single-sided and another one may show itself
+/// where a ray meets its back. `radius` is the largest coordinate of the scene.
 pub(crate) fn backed(scene: &Scene, soup: &Soup, bvh: &Bvh, radius: f32) -> Vec<bool> {
     let double_sided =
         |triangle: u32| scene.materials[soup.materials[triangle as usize] as usize].double_sided;
@@ -68,8 +68,8 @@ fn overlap(a: [Vec3; 3], b: [Vec3; 3], normal: Vec3, reach: f32) -> bool {
     lowest <= reach && highest >= -reach && !part
 }
 
-/// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the ray in
-/// the same place, if there is one: both are at the same distance, and the tree reports either.
+/// A hit on the back of a single-sided triangle, moved to the surface that shows itself to the ray
+/// in the same place, if there is one: both are at the same distance, and the tree reports either.
 /// Walls are often built so, with a face for each side.
 pub fn facing(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: Hit) -> Hit {
     let Some(twin) = soup.twin(hit.triangle) else {
@@ -85,8 +85,8 @@ pub fn facing(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: Hit) -> Hit
     }
 }
 
-/// The surface that shows itself to the ray where it hits the back of one: that of a wall whose faces
-/// are divided into different triangles. Of several, the one with the lowest number.
+/// The surface that shows itself to the ray where it hits the back of one: that of a wall whose
+/// faces are divided into different triangles. Of several, the one with the lowest number.
 #[cold]
 fn shown_at(scene: &Scene, soup: &Soup, bvh: &Bvh, ray: &Ray, hit: &Hit) -> Option<Hit> {
     let q = ray.origin + ray.direction * hit.t;

@@ -355,12 +355,7 @@ impl<'a> World<'a> {
     /// colour.
     #[inline]
     pub fn incoming(&self, origin: Vec3, direction: Vec3) -> (Incoming, Vec3) {
-        let ray = Ray {
-            origin,
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let ray = endless(origin, direction);
         let coin = Coin::new(self.scene, self.soup);
         let hit = (self.bvh.closest_hit(&ray, &coin)).map(|hit| self.facing(&ray, hit));
         let tint = if self.tinted && coin.passed_glass() {
@@ -401,12 +396,7 @@ impl<'a> World<'a> {
     /// Which side of something a ray meets. Faces back to back are the two sides of a wall without
     /// thickness, or where two solid things touch; then a ray in one of them meets both, too.
     pub(crate) fn side_met(&self, origin: Vec3, direction: Vec3) -> Side {
-        let ray = Ray {
-            origin,
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let ray = endless(origin, direction);
         let coin = Coin::new(self.scene, self.soup);
         let Some(hit) = self.bvh.closest_hit(&ray, &coin) else {
             return Side::Shown(f32::INFINITY);
@@ -772,6 +762,16 @@ fn above_the_middle(a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> Vec3 {
 /// [`World::offset`] in a scene whose largest coordinate is `radius`.
 pub(crate) fn offset(position: Vec3, radius: f32) -> f32 {
     1e-6 * position.abs().max_element() + 2e-7 * radius
+}
+
+/// A ray that ends nowhere.
+fn endless(origin: Vec3, direction: Vec3) -> Ray {
+    Ray {
+        origin,
+        direction,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    }
 }
 
 /// Decides for each triangle how its emission reaches receivers.
