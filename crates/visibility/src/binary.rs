@@ -1,7 +1,7 @@
-//! The binary tree, built by obvhs and converted to a plain form with exact bounds.
+//! Binary trees, built from the bottom up by obvhs or from the top down, and converted to a plain
+//! form with exact bounds.
 
-use glam::{DVec3, Vec3, Vec3A};
-use obvhs::Boundable;
+use glam::{DVec3, Vec3};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::leaf_collapser::collapse;
@@ -10,6 +10,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use crate::bvh::Quality;
 use crate::groups::Items;
+use crate::sweep;
 
 /// Most triangles in a leaf: two packs.
 pub(crate) const MAX_LEAF: usize = 8;
@@ -45,20 +46,16 @@ pub(crate) struct Binary {
     pub order: Vec<u32>,
 }
 
-/// A box in the unit cube, as obvhs requires.
-struct UnitBox {
-    lo: [f32; 3],
-    hi: [f32; 3],
+/// What trees are built over.
+pub(crate) struct Boxes<'t> {
+    triangles: &'t [[Vec3; 3]],
+    items: Items,
+    /// In the unit cube, as obvhs requires.
+    boxes: Vec<Aabb>,
 }
 
-impl Boundable for UnitBox {
-    fn aabb(&self) -> Aabb {
-        Aabb::new(Vec3A::from_array(self.lo), Vec3A::from_array(self.hi))
-    }
-}
-
-/// Builds the tree over `triangles`, which must be finite and not empty.
-pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
+/// Prepares `triangles`, which must be finite and not empty.
+pub(crate) fn boxes(triangles: &[[Vec3; 3]]) -> Boxes<'_> {
     let mut scene = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for corner in triangles.iter().flatten() {
         scene = (scene.0.min(*corner), scene.1.max(*corner));
@@ -87,7 +84,7 @@ pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
     let items = Items::gather(&centres, size);
     drop(centres);
 
-    let boxes: Vec<UnitBox> = (0..items.len())
+    let boxes: Vec<Aabb> = (0..items.len())
         .map(|item| {
             let (lo, hi) =
                 items
@@ -98,15 +95,14 @@ pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
                         (lo.min(b.0), hi.max(b.1))
                     });
             let pad = jitter(item as u32, (hi - lo).max_element());
-            UnitBox {
-                lo: (lo - pad).to_array(),
-                hi: (hi + pad).to_array(),
-            }
+            Aabb::new((lo - pad).into(), (hi + pad).into())
         })
         .collect();
-    let tree = build_obvhs(&boxes, quality);
-    drop(boxes);
-    to_binary(tree, items, triangles)
+    Boxes {
+        triangles,
+        items,
+        boxes,
+    }
 }
 
 /// Padding of the box that obvhs sees for primitive `item` of size `size`; our own bounds stay
@@ -122,46 +118,56 @@ fn jitter(item: u32, size: f32) -> f32 {
     size * random / 128.0 + (1.0 + random) / (1u32 << 22) as f32
 }
 
-fn build_obvhs(boxes: &[UnitBox], quality: Quality) -> Bvh2 {
-    let mut tree = PlocBuilder::new().build(
-        match quality {
-            Quality::Fast => PlocSearchDistance::Low,
-            Quality::Balanced | Quality::High => PlocSearchDistance::Medium,
-        },
-        boxes,
-        (0..boxes.len() as u32).collect(),
-        SortPrecision::U64,
-        match quality {
-            Quality::Fast | Quality::Balanced => 3,
-            Quality::High => 1,
-        },
-    );
-    let ratio = match quality {
-        Quality::Fast => 0.02,
-        Quality::Balanced => 0.05,
-        Quality::High => 1.0,
-    };
-    // obvhs's reinsertion uses a stack of 2 × max_depth entries and silently overwrites it when it
-    // is full. So pass twice the real depth, and skip reinsertion if only a degenerate scene would
-    // need more.
-    let reinsert = |tree: &mut Bvh2, ratio: f32| {
-        let depth = depth(tree);
-        if depth <= 1024 {
-            tree.max_depth = (depth * 2).max(96);
-            ReinsertionOptimizer::default().run(tree, ratio, None);
+impl Boxes<'_> {
+    /// Clusters pairs of boxes that are near in space (PLOC), and moves the largest nodes to where
+    /// they cost least.
+    pub fn clustered(&self, quality: Quality) -> Binary {
+        let mut tree = PlocBuilder::new().build(
+            match quality {
+                Quality::Fast => PlocSearchDistance::Low,
+                Quality::Balanced | Quality::High => PlocSearchDistance::VeryHigh,
+            },
+            &self.boxes,
+            (0..self.boxes.len() as u32).collect(),
+            SortPrecision::U64,
+            match quality {
+                Quality::Fast | Quality::Balanced => 3,
+                Quality::High => 1,
+            },
+        );
+        let ratio = match quality {
+            Quality::Fast => 0.02,
+            Quality::Balanced => 0.05,
+            Quality::High => 1.0,
+        };
+        reinsert(&mut tree, ratio);
+        collapse(&mut tree, MAX_LEAF as u32, TRAVERSAL_COST);
+        if quality != Quality::Fast {
+            reinsert(&mut tree, (ratio * 2.0).min(1.0));
         }
-    };
-    reinsert(&mut tree, ratio);
-    collapse(&mut tree, MAX_LEAF as u32, TRAVERSAL_COST);
-    reinsert(
-        &mut tree,
-        if quality == Quality::Fast {
-            0.0
-        } else {
-            (ratio * 2.0).min(1.0)
-        },
-    );
-    tree
+        to_binary(tree, &self.items, self.triangles)
+    }
+
+    /// Divides all boxes again and again. Moving a few nodes afterwards gains nothing.
+    pub fn divided(&self, quality: Quality) -> Binary {
+        let mut tree = sweep::build(&self.boxes);
+        if quality == Quality::High {
+            reinsert(&mut tree, 1.0);
+        }
+        collapse(&mut tree, MAX_LEAF as u32, TRAVERSAL_COST);
+        to_binary(tree, &self.items, self.triangles)
+    }
+}
+
+/// obvhs's reinsertion uses a stack of 2 × max_depth entries and silently overwrites it when it is
+/// full. So this passes twice the real depth, and skips reinsertion if only a degenerate scene would
+/// need more.
+fn reinsert(tree: &mut Bvh2, ratio: f32) {
+    let depth = depth(tree);
+    if depth <= 1024 {
+        tree.max_depth = (depth * 2).max(96);
+        ReinsertionOptimizer::default().run(tree, ratio, None);
+    }
 }
 
 /// Depth of an obvhs tree, without recursion.
@@ -185,7 +191,7 @@ enum Subtree {
     Range { first: u32, end: u32 },
 }
 
-fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
+fn to_binary(tree: Bvh2, items: &Items, triangles: &[[Vec3; 3]]) -> Binary {
     let empty = BinaryNode {
         lo: Vec3::INFINITY,
         hi: Vec3::NEG_INFINITY,

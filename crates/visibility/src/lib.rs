@@ -1,9 +1,10 @@
 //! Watertight ray casting for Lumel: closest hit, occlusion and alpha masks on an eight-wide
 //! bounding volume hierarchy.
 //!
-//! [`Bvh::build`] takes world-space triangles. The binary tree is built by `obvhs` (PLOC and
-//! reinsertion), then collapsed to eight-wide nodes whose leaves hold triangles in packs of four
-//! that are tested together.
+//! [`Bvh::build`] takes world-space triangles. Two binary trees are built, one from the bottom up by
+//! `obvhs` (PLOC and reinsertion) and one from the top down, and collapsed to eight-wide nodes whose
+//! leaves hold triangles in packs of four that are tested together. The tree that costs rays less by
+//! the surface area heuristic is kept.
 //!
 //! # Guarantees
 //! - **Watertight.** A ray that crosses the interior, an edge or a vertex of a mesh closed by
@@ -41,6 +42,7 @@ mod groups;
 pub mod kernel;
 mod node;
 mod ray;
+mod sweep;
 mod traverse;
 mod validate;
 mod within;
