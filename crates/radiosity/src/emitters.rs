@@ -144,6 +144,7 @@ impl Emitters {
     pub(crate) fn pick(&self, node: u32, p: &SurfacePoint, x: f64) -> Option<(&Emitter, f32)> {
         let mut id = node;
         let (mut x, mut probability) = (x, 1f64);
+        let mut from_afar = None;
         loop {
             let node = &self.nodes[id as usize];
             if node.second == 0 {
@@ -153,12 +154,15 @@ impl Emitters {
                 let (e, own) = self.pick_by_power(node.start, node.end, x);
                 return Some((e, (probability * own) as f32));
             }
-            if node.end - node.start <= FEW {
-                break;
-            }
+            from_afar = from_afar.or_else(|| node.seen_from_afar(p.position));
             let children = [id + 1, node.second];
-            let [a, b] = children
-                .map(|c| self.nodes[c as usize].importance(p.position, p.normal, 0.0) as f64);
+            let [a, b] = children.map(|c| {
+                let child = &self.nodes[c as usize];
+                f64::from(match from_afar {
+                    Some((to, least)) => child.towards(to, least),
+                    None => child.importance(p.position, p.normal, 0.0),
+                })
+            });
             let sum = a + b;
             if sum <= 0.0 {
                 return None;
@@ -174,15 +178,12 @@ impl Emitters {
             probability *= part;
             id = children[second as usize];
         }
-        let (e, own) = self.few(id, p, 0.0)?.pick(self, x)?;
-        Some((e, (probability * own as f64) as f32))
     }
 
     /// The emitters of a small node, with the contribution of each to a receiver of size `scale`
     /// (metres) around `p`; `None` for larger nodes.
     ///
-    /// Emitters are evaluated individually: the faces of a node may look everywhere (as those of a
-    /// box do), and a choice between two nodes does not know which of their faces look away.
+    /// It serves all samples of a receiver, so that emitters are evaluated individually.
     pub(crate) fn few(&self, node: u32, p: &SurfacePoint, scale: f32) -> Option<Few> {
         let range = &self.nodes[node as usize];
         let count = range.end - range.start;

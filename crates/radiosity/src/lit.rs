@@ -157,6 +157,9 @@ const GRAZING: f32 = 1e-3;
 /// gathering ray as the mean: it would cost time and gain nothing.
 const LEAST: f32 = 0.25;
 
+/// Groups of most receivers, so that their list need not grow.
+const USUAL: usize = 48;
+
 /// A node is used as a whole if its angular size (radius over distance) is below this.
 const WHOLE: f32 = 0.6;
 
@@ -264,6 +267,7 @@ impl LitElements {
         if self.is_empty() {
             return cut;
         }
+        cut.groups.reserve(USUAL);
         let mut sum = 0f32;
         // A child has at most three quarters of its parent's items (`lower_part`), so this is enough
         // for 8 · (4/3)⁶³ ≈ 6 · 10⁸ of them.

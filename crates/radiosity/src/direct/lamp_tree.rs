@@ -132,7 +132,8 @@ impl LampTree {
     /// above 0.
     pub(super) fn cut(&self, lights: &[Light], p: Vec3, scale: f32) -> Vec<(Lamps, f32)> {
         let one = |k: u32| (Lamps::One(k), weight(&lights[k as usize], p, scale));
-        let mut out: Vec<(Lamps, f32)> = self.alone.iter().map(|&k| one(k)).collect();
+        let mut out: Vec<(Lamps, f32)> = Vec::with_capacity(self.alone.len() + MOST / 2);
+        out.extend(self.alone.iter().map(|&k| one(k)));
         let judge = |id: u32| {
             let node = &self.nodes[id as usize];
             match node.second {
