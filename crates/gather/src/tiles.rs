@@ -10,10 +10,10 @@ use std::ops::Range;
 use atlas::Layout;
 use radiosity::{Monitor, Phase};
 
-/// Texels of a tile. With some 550 bytes a lumel these are at most 1.2 GB; a single larger instance
+/// Texels of a tile. With some 550 bytes a lumel these are at most 290 MB; a single larger instance
 /// is a tile of its own. Far more lumels than the statistics of noise need (hundreds), and enough
 /// to keep all threads busy.
-pub const TILE: u64 = 1 << 21;
+pub const TILE: u64 = 1 << 19;
 
 /// The tiles of these instances, of this many texels: ranges of the list.
 pub fn tiles(layout: &Layout, instances: &[usize], tile: u64) -> Vec<Range<usize>> {

@@ -144,7 +144,6 @@ impl Emitters {
     pub(crate) fn pick(&self, node: u32, p: &SurfacePoint, x: f64) -> Option<(&Emitter, f32)> {
         let mut id = node;
         let (mut x, mut probability) = (x, 1f64);
-        let mut from_afar = None;
         loop {
             let node = &self.nodes[id as usize];
             if node.second == 0 {
@@ -154,15 +153,14 @@ impl Emitters {
                 let (e, own) = self.pick_by_power(node.start, node.end, x);
                 return Some((e, (probability * own) as f32));
             }
-            from_afar = from_afar.or_else(|| node.seen_from_afar(p.position));
+            if node.end - node.start <= FEW {
+                break;
+            }
+            // Not `array::map`, which is not inlined.
+            let weight =
+                |child: u32| self.nodes[child as usize].importance(p.position, p.normal, 0.0);
             let children = [id + 1, node.second];
-            let [a, b] = children.map(|c| {
-                let child = &self.nodes[c as usize];
-                f64::from(match from_afar {
-                    Some((to, least)) => child.towards(to, least),
-                    None => child.importance(p.position, p.normal, 0.0),
-                })
-            });
+            let (a, b) = (weight(children[0]) as f64, weight(children[1]) as f64);
             let sum = a + b;
             if sum <= 0.0 {
                 return None;
@@ -178,12 +176,15 @@ impl Emitters {
             probability *= part;
             id = children[second as usize];
         }
+        let (e, own) = self.few(id, p, 0.0)?.pick(self, x)?;
+        Some((e, (probability * own as f64) as f32))
     }
 
     /// The emitters of a small node, with the contribution of each to a receiver of size `scale`
     /// (metres) around `p`; `None` for larger nodes.
     ///
-    /// It serves all samples of a receiver, so that emitters are evaluated individually.
+    /// Emitters are evaluated individually: the faces of a node may look everywhere (as those of a
+    /// box do), and a choice between two nodes does not know which of their faces look away.
     pub(crate) fn few(&self, node: u32, p: &SurfacePoint, scale: f32) -> Option<Few> {
         let range = &self.nodes[node as usize];
         let count = range.end - range.start;

@@ -18,9 +18,6 @@ pub(crate) struct Node {
     /// face anywhere.
     pub axis: Vec3,
     pub cos_spread: f32,
-    /// Share of the power that is sent along each positive and each negative axis: Σ power × cosine
-    /// over the fronts that face there.
-    pub along: [Vec3; 2],
     /// Emitters `[start, end)`.
     pub start: u32,
     pub end: u32,
@@ -33,27 +30,6 @@ impl Node {
     pub(crate) fn looks_alike(&self, p: Vec3) -> bool {
         let d2 = self.centre.distance_squared(p);
         self.cos_spread > ALIKE && self.radius * self.radius < SMALL * SMALL * d2
-    }
-
-    /// The unit direction to `p`, and a lower bound for cosines as in
-    /// [`importance`](Self::importance), if the node is so far that both hold for all of its parts.
-    pub(super) fn seen_from_afar(&self, p: Vec3) -> Option<(Vec3, f32)> {
-        let to = p - self.centre;
-        let d2 = to.length_squared();
-        (self.radius * self.radius < FAR * FAR * d2).then(|| {
-            let inverse = 1.0 / d2.sqrt();
-            (to * inverse, LEAST * (self.radius * inverse + ROUNDING))
-        })
-    }
-
-    /// Power times the mean cosine between the unit direction `to` and the fronts that look there:
-    /// exact for fronts along the axes, up to 1.7 times too much for others. At least `least` of the
-    /// power.
-    #[inline]
-    pub(super) fn towards(&self, to: Vec3, least: f32) -> f32 {
-        let [ahead, behind] = self.along;
-        let along = Vec3::select(to.cmpgt(Vec3::ZERO), ahead, behind);
-        self.power * to.abs().dot(along).max(least)
     }
 
     /// Approximate irradiance (luminance × π) from its emitters at a receiver; 0 only if they
@@ -85,33 +61,22 @@ impl Node {
         if receives <= 0.0 {
             return 0.0;
         }
-        let to = -middle * inverse;
-        let sends = if self.cos_spread > ALIKE {
-            let cos = to.dot(self.axis);
-            // The smallest angle to a face: the spread of the faces is subtracted.
-            let sine = (1.0 - cos * cos).max(0.0).sqrt();
-            let spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
-            let least = cos * self.cos_spread + sine * spread + wider;
-            match cos < self.cos_spread {
-                true if least <= 0.0 => return 0.0,
-                true => self.power * least.min(1.0),
-                false => self.power,
+        let mut sends = 1.0;
+        if self.cos_spread > -1.0 {
+            let cos = -middle.dot(self.axis) * inverse;
+            if cos < self.cos_spread {
+                // The smallest angle to a face: the spread of the faces is subtracted.
+                let sine = (1.0 - cos * cos).max(0.0).sqrt();
+                let spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
+                sends = cos * self.cos_spread + sine * spread + wider;
+                if sends <= 0.0 {
+                    return 0.0;
+                }
             }
-        } else {
-            // Of fronts that look everywhere, as those of a box do, only some face the receiver.
-            self.towards(to, LEAST * wider).min(self.power)
-        };
-        sends * receives.min(1.0) / limit
+        }
+        self.power * receives.min(1.0) * sends.min(1.0) / limit
     }
 }
-
-/// What fronts that look away may send, as a share of a node's angular size. A receiver that only
-/// some of its points reach must keep a probability; the whole angle instead of a quarter doubles
-/// the noise of lamps all over a hall.
-const LEAST: f32 = 0.25;
-
-/// A node is far if its angular size is below this: directions to its emitters differ by 6° at most.
-const FAR: f32 = 0.03;
 
 /// Allows for rounding (a thousandth of a right angle), and keeps every probability large enough to
 /// divide by.
@@ -147,10 +112,6 @@ pub(super) fn leaf(e: &Emitter, start: u32) -> Node {
         power: e.power() as f32,
         axis: e.normal,
         cos_spread: if e.two_sided { -1.0 } else { 1.0 },
-        along: [1.0, -1.0].map(|side| match e.two_sided {
-            true => e.normal.abs(),
-            false => (e.normal * side).max(Vec3::ZERO),
-        }),
         start,
         end: start + 1,
         second: 0,
@@ -198,7 +159,6 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
         power: 0.0,
         axis: Vec3::ZERO,
         cos_spread: -1.0,
-        along: [Vec3::ONE; 2],
         start: start as u32,
         end: end as u32,
         second: 0,
@@ -212,9 +172,7 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
     node.second = second as u32;
     node.power = power;
     if power > 0.0 {
-        let share = b.power / power;
-        node.origin = a.origin.lerp(b.origin, share);
-        node.along = [0, 1].map(|side| a.along[side].lerp(b.along[side], share));
+        node.origin = a.origin.lerp(b.origin, b.power / power);
     }
     (node.axis, node.cos_spread) = (axis, cos_spread);
     id
