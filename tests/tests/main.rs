@@ -2,6 +2,7 @@
 //! the time.
 
 mod assets;
+mod calm;
 mod circles;
 mod closed_forms;
 mod common;

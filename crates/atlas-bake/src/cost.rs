@@ -1,7 +1,7 @@
 //! Estimates the cost of a gather from a few lumels, and the cost of stitching.
 
 use atlas::{Layout, Lumels};
-use gather::{Gatherer, LumelMap, Plane, TILE, tiles};
+use gather::{Gatherer, LumelMap, Plane, TILE, not_calm, tiles};
 use glam::Vec3;
 use half::f16;
 use radiosity::{Emitters, Solution, World};
@@ -31,8 +31,6 @@ const ENOUGH: f64 = 0.5;
 pub struct GatherCost {
     /// Lumels that are gathered.
     pub gathered: usize,
-    /// Lumels on flat open surfaces, whose indirect light is interpolated where it varies smoothly.
-    pub interpolated: usize,
     /// Measured seconds per gathered lumel, with all threads of the current rayon pool working.
     pub seconds: f64,
     /// Mean number of rays per gathered lumel, including shadow rays.
@@ -127,11 +125,8 @@ pub fn gather_cost(
     );
     for tile in tiles {
         let map = LumelMap::of(world, layout, options.lumels.interpolation, tile);
-        let full: Vec<usize> = (0..map.len())
-            .filter(|&i| !map.is_interpolated(i))
-            .collect();
-        cost.gathered += full.len();
-        cost.interpolated += map.len() - full.len();
+        let full: Vec<usize> = (0..map.len()).filter(|&i| map.is_gathered(i)).collect();
+        cost.gathered += full.len() + not_calm(&gatherer, &map);
         if !full.is_empty() {
             let trial = try_out(&gatherer, &map, &full, (rounds, enough));
             done += trial.lumels;

@@ -63,37 +63,32 @@ pub(crate) struct DirectBetween {
     pub hidden: u32,
 }
 
-fn mean_of<'r>(beside: impl Iterator<Item = &'r Received>) -> Between {
+/// The weighted mean; weights sum to 1.
+pub(crate) fn mean_of<'r>(beside: impl Iterator<Item = (&'r Received, f32)>) -> Between {
     let mut out = Between {
         indirect: Vec3::ZERO,
         first_half: Vec3::ZERO,
         variance: 0.0,
         planes: Vec::new(),
     };
-    let mut n = 0.0;
-    for r in beside {
-        n += 1.0;
-        out.indirect += r.indirect;
-        out.first_half += r.first_half;
+    for (r, weight) in beside {
+        out.indirect += r.indirect * weight;
+        out.first_half += r.first_half * weight;
         // As if neighbours had the same error; smoothing estimates it properly.
-        out.variance += r.indirect_variance;
+        out.variance += r.indirect_variance * weight;
         out.planes.resize(r.planes.len(), [Vec3::ZERO; 2]);
         for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
-            sum[0] += plane.indirect;
-            sum[1] += plane.first_half;
+            sum[0] += plane.indirect * weight;
+            sum[1] += plane.first_half * weight;
         }
     }
-    let share = 1.0 / f32::max(n, 1.0);
-    out.indirect *= share;
-    out.first_half *= share;
-    out.variance *= share;
-    out.planes.iter_mut().flatten().for_each(|p| *p *= share);
     out
 }
 
 /// Indirect light of interpolated lumel `i`.
 pub(crate) fn between(map: &LumelMap, i: usize) -> Between {
-    mean_of(map.plan.of(i).map(|j| &map.received[j]))
+    let weight = 1.0 / map.plan.of(i).count().max(1) as f32;
+    mean_of(map.plan.of(i).map(|j| (&map.received[j], weight)))
 }
 
 /// The taps of an interpolated lumel: its neighbours on both sides and, if the surface continues

@@ -3,6 +3,7 @@
 use radiosity::{DirectEstimate, Known, SurfacePoint, luminance};
 
 use crate::between::{Between, DirectBetween};
+use crate::calm::Calm;
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gatherer::{Gatherer, known};
@@ -162,6 +163,21 @@ impl Gatherer<'_, '_> {
         let direct = self.direct_on_all(footprint, &points, seed, &known, &mut planes);
         let place = (Place::of(&points), footprint.size());
         Received::of(direct, &estimate, planes, place)
+    }
+
+    /// Only direct light; the rest is that of a calm cell.
+    pub(crate) fn gather_calm(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        calm: &Calm,
+    ) -> Received {
+        Received {
+            far: calm.like.far,
+            around: calm.like.around,
+            void: calm.like.void,
+            ..self.gather_direct(footprint, seed, &calm.indirect)
+        }
     }
 
     /// Takes all light from neighbours, including `direct`, if shadow rays from the footprint's

@@ -40,6 +40,7 @@
 //!     direct: DirectOptions::every(16, 64),
 //!     lit: 0,
 //!     interpolation: Interpolation::Open,
+//!     calm: 0.03,
 //!     near: 1.0,
 //!     open_only: true,
 //!     tile: gather::TILE,
@@ -68,6 +69,7 @@ mod barriers;
 mod batch;
 mod between;
 mod blocks;
+mod calm;
 mod certainty;
 mod edge;
 mod estimate;
@@ -102,6 +104,7 @@ mod window;
 mod work;
 
 pub use bake::{EachTile, LightBake, bake_light, gather_shard};
+pub use calm::not_calm;
 pub use footprint::{Footprint, LumelFootprint};
 pub use gatherer::Gatherer;
 pub use map::LumelMap;

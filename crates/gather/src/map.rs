@@ -79,9 +79,9 @@ impl LumelMap {
         &self.received
     }
 
-    /// Whether lumel `i` is interpolated instead of gathered.
-    pub fn is_interpolated(&self, i: usize) -> bool {
-        self.plan.is(i)
+    /// Whether lumel `i` is gathered; before the first pass, whether it certainly is.
+    pub fn is_gathered(&self, i: usize) -> bool {
+        self.plan.is_gathered(i)
     }
 
     /// Memory of lumels and their planes, bytes.

@@ -32,6 +32,9 @@ pub struct GatherOptions {
     pub lit: u32,
     /// Which lumels are interpolated instead of gathered.
     pub interpolation: Interpolation,
+    /// Indirect light that varies by at most this over 8 × 8 lumels of an open surface, relative to
+    /// all light, is taken from nine samples; 0 never does so but in the dark.
+    pub calm: f32,
     /// Rays continue as paths if they hit something within this many patch sizes. Less is faster,
     /// and blurs light between nearby objects.
     pub near: f32,

@@ -14,11 +14,14 @@
 //! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (the
 //! irradiance cache: nearby objects limit a sample's range), but on the lightmap's own grid, and
 //! with a check of differences between neighbours.
+//!
+//! Where even the light of [wide cells](crate::calm) hardly changes, fewer lumels are gathered.
 
 use atlas::{Lumels, TexelIndex};
 use radiosity::{SurfacePoint, World, luminance};
 use rayon::prelude::*;
 
+use crate::calm::{clear_cells, is_sample};
 use crate::footprint::{Footprint, LumelFootprint};
 use crate::options::Interpolation;
 use crate::received::{Edge, Received};
@@ -26,7 +29,7 @@ use crate::received::{Edge, Received};
 /// Nothing may rise above the surface within this many lumels of an interpolated one. Light from an
 /// object at distance R varies over distances of R, and the window of the quadratic fit extends
 /// seven lumels at most.
-const CLEAR: f32 = 4.0;
+pub(crate) const CLEAR: f32 = 4.0;
 
 /// Largest difference between neighbours, relative to their light, in addition to noise. If light
 /// changes that much and the change itself changes as much again, linear interpolation is off by an
@@ -60,6 +63,11 @@ pub(crate) struct Plan {
     pub beside: Vec<Beside>,
     /// For each lumel, whether others are interpolated from it.
     bears: Vec<bool>,
+    /// For each lumel, whether its cell is calm; before the first pass, whether it may be.
+    calm: Vec<bool>,
+    /// For each lumel, whether it is in an even row and column but not gathered if its cell is
+    /// calm.
+    held: Vec<bool>,
     pub rule: Interpolation,
 }
 
@@ -69,6 +77,8 @@ impl Plan {
         Plan {
             beside: vec![[None; 4]; lumels],
             bears: vec![false; lumels],
+            calm: vec![false; lumels],
+            held: vec![false; lumels],
             rule: Interpolation::Open,
         }
     }
@@ -94,10 +104,13 @@ impl Plan {
             .with_min_len(256)
             .map(|i| candidate(world, lumels, (index, &places), rule, i))
             .collect();
-        let bears = vec![false; lumels.lumels.len()];
         Plan {
             beside,
-            bears,
+            bears: vec![false; n],
+            held: (lumels.lumels.iter())
+                .map(|l| l.texel.iter().all(|x| x % 2 == 0) && !is_sample(l.texel))
+                .collect(),
+            calm: clear_cells(world, lumels, (index, &places)),
             rule,
         }
     }
@@ -108,9 +121,33 @@ impl Plan {
         self.beside[i].iter().any(|j| j.is_some())
     }
 
+    /// Whether lumel `i` is in a calm cell, or before the first pass in one that may be.
+    #[inline]
+    pub(crate) fn is_calm(&self, i: usize) -> bool {
+        self.calm[i]
+    }
+
+    /// Whether lumel `i` has the light of its calm cell, or before the first pass may have.
+    #[inline]
+    pub(crate) fn is_held(&self, i: usize) -> bool {
+        self.calm[i] && self.held[i]
+    }
+
+    /// Decides which lumels are in calm cells.
+    pub(crate) fn set_calm(&mut self, calm: Vec<bool>) {
+        self.calm = calm;
+    }
+
+    /// Whether lumel `i` is gathered.
+    #[inline]
+    pub(crate) fn is_gathered(&self, i: usize) -> bool {
+        !self.is(i) && !self.is_held(i)
+    }
+
     /// Gathers at lumel `i` after all instead of interpolating it.
     pub(crate) fn drop(&mut self, i: usize) {
         self.beside[i] = [None; 4];
+        self.calm[i] = false;
     }
 
     /// Whether others are interpolated from lumel `i`.
@@ -187,6 +224,23 @@ fn steady<'r>(beside: impl Iterator<Item = &'r Received>, rule: Interpolation) -
     high - low <= differ * sum / n + SIGMAS * (variance / n).sqrt()
 }
 
+/// Whether lumel `j` is whole, and in the plane of `i`, so many steps from it.
+pub(crate) fn is_flat(
+    lumels: &Lumels,
+    places: &[(SurfacePoint, f32)],
+    (i, j): (usize, usize),
+    steps: f32,
+) -> bool {
+    let (own, size) = &places[i];
+    let place = &places[j].0;
+    let way = place.position - own.position;
+    lumels.lumels[j].coverage >= WHOLE
+        && place.geometric.dot(own.geometric) >= FLAT
+        && place.normal.dot(own.normal) >= FLAT
+        && way.dot(own.geometric).abs() <= 0.02 * size
+        && way.length() <= 1.2 * steps * size
+}
+
 /// The neighbours that lumel `i` may be interpolated between.
 fn candidate(
     world: &World,
@@ -207,13 +261,7 @@ fn candidate(
         let way = place.position - own.position;
         let steps = ((dx * dx + dy * dy) as f32).sqrt();
         let same = match rule {
-            Interpolation::Open => {
-                other.coverage >= WHOLE
-                    && place.geometric.dot(own.geometric) >= FLAT
-                    && place.normal.dot(own.normal) >= FLAT
-                    && way.dot(own.geometric).abs() <= 0.02 * size
-                    && way.length() <= 1.2 * steps * size
-            }
+            Interpolation::Open => is_flat(lumels, places, (i, j), steps),
             Interpolation::Wide => {
                 other.coverage >= WIDE_COVERED
                     && place.normal.dot(own.normal) >= WIDE_FACING

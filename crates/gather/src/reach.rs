@@ -138,7 +138,7 @@ fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f
 pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) -> f32 {
     interpolate(map);
     let mean = mean_light(&map.lumels, &map.received);
-    let certainty = Certainty::measure(&map.received, |i| !map.plan.is(i), rays, mean);
+    let certainty = Certainty::measure(&map.received, |i| map.plan.is_gathered(i), rays, mean);
     let times = std::mem::take(&mut map.times);
     let trust = Trust {
         certainty: &certainty,

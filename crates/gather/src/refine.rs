@@ -107,7 +107,8 @@ pub(crate) fn add_rays(
         .into_par_iter()
         .with_min_len(256)
         .filter_map(|i| {
-            if received[i].edge == Edge::Contact || received[i].open < 1.0 || map.plan.is(i) {
+            let calm = map.plan.is(i) || map.plan.is_calm(i);
+            if received[i].edge == Edge::Contact || received[i].open < 1.0 || calm {
                 return None; // It already has many, or its rays do not matter.
             }
             let (around, n) = window.around(i);

@@ -206,7 +206,10 @@ fn fit_all(map: &LumelMap, taps: &[Option<Taps>]) -> Vec<Smoothed> {
     let of_own = |what: &(dyn Fn(usize) -> f32 + Sync)| -> Vec<f32> {
         let lumels = taps.par_iter().enumerate().with_min_len(256);
         lumels
-            .map(|(i, t)| t.as_ref().map_or_else(|| what(i), |_| 0.0))
+            .map(|(i, t)| match t.is_some() || map.plan.is_calm(i) {
+                true => 0.0,
+                false => what(i),
+            })
             .collect()
     };
     let pooled = of_own(&|i| window.pooled_variance(i));

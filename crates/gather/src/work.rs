@@ -14,6 +14,7 @@ use std::ops::Range;
 use radiosity::{Cancelled, Monitor, Phase};
 
 use crate::blocks::{IN_RUN, part_in_blocks};
+use crate::calm::CELL;
 use crate::map::LumelMap;
 use crate::received::Received;
 use crate::window::WIDE;
@@ -23,6 +24,8 @@ use crate::window::WIDE;
 pub enum Pass {
     /// The first, at lumels that are not interpolated.
     First,
+    /// Lumels of clear cells, after the samples of these.
+    Cells,
     /// Direct light at interpolated lumels.
     Between,
     /// Lumels that were to be interpolated, between neighbours that differ too much.
@@ -47,16 +50,17 @@ impl Pass {
     fn depth(self, follow: u32) -> u32 {
         match self {
             Pass::First => 0,
-            Pass::Between | Pass::Unsteady => BETWEEN,
-            Pass::Edges(round) => BETWEEN + (round + 1) * BESIDE,
-            Pass::More => BETWEEN + follow * BESIDE + BESIDE + WIDE as u32,
+            Pass::Cells => CELL as u32,
+            Pass::Between | Pass::Unsteady => CELL as u32 + BETWEEN,
+            Pass::Edges(round) => CELL as u32 + BETWEEN + (round + 1) * BESIDE,
+            Pass::More => CELL as u32 + BETWEEN + follow * BESIDE + BESIDE + WIDE as u32,
         }
     }
 
     /// The phase that progress shows.
     fn phase(self) -> Phase {
         match self {
-            Pass::First | Pass::Between | Pass::Unsteady => Phase::Gather,
+            Pass::First | Pass::Cells | Pass::Between | Pass::Unsteady => Phase::Gather,
             Pass::Edges(_) | Pass::More => Phase::Refine,
         }
     }
@@ -272,7 +276,7 @@ impl<'r> Work<'r> {
                 return;
             }
             let instance = map.lumel(lumel).instance as usize;
-            let stale = pass != Pass::First && self.stale.get(instance) == Some(&true);
+            let stale = pass > Pass::Cells && self.stale.get(instance) == Some(&true);
             if !stale {
                 map.received[lumel] = light;
                 there[at] = true;

@@ -123,6 +123,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
             contacts: false,
             follow: 0,
             interpolation: Interpolation::Wide,
+            calm: 0.03,
             near: 0.25,
             lit: 0,
             open_only: false,

@@ -525,6 +525,8 @@ impl Settings {
             Start::Quick => (Interpolation::Wide, 0.25, 1),
             _ => (Interpolation::Open, 0.25, 3),
         };
+        // With 0.1 and more, levels without a sky became noisier.
+        let calm = self.error.unwrap_or(error).min(0.03);
         let (most, error) = match self.error {
             None => (most, error),
             Some(_) => (rays, 1.0),
@@ -543,6 +545,7 @@ impl Settings {
             contacts: start != Start::Draft,
             follow,
             interpolation,
+            calm,
             near,
             // With 0, only gathering rays find lit elements, which causes blotches on walls.
             lit: 1,

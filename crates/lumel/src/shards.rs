@@ -57,10 +57,11 @@ impl ShardOf {
 fn code(pass: Pass) -> [u32; 2] {
     match pass {
         Pass::First => [0, 0],
-        Pass::Between => [1, 0],
-        Pass::Unsteady => [2, 0],
-        Pass::Edges(round) => [3, round],
-        Pass::More => [4, 0],
+        Pass::Cells => [1, 0],
+        Pass::Between => [2, 0],
+        Pass::Unsteady => [3, 0],
+        Pass::Edges(round) => [4, round],
+        Pass::More => [5, 0],
     }
 }
 

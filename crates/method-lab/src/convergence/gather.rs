@@ -191,6 +191,7 @@ fn gatherer<'w, 'a>(
         contacts: false,
         follow: 0,
         interpolation: Interpolation::Open,
+        calm: 0.03,
         near: 1.0,
         lit,
         open_only: false,
