@@ -5,81 +5,17 @@
 //! cell's lumels are gathered first. If they agree, the others that would be gathered take the
 //! bilinear interpolation of these nine; else they are gathered, too.
 
-use atlas::{Lumels, TexelIndex};
-use radiosity::{SurfacePoint, World, luminance};
+use radiosity::luminance;
 use rayon::prelude::*;
 
 use crate::between::{Between, mean_of};
+use crate::clear::{CELL, STEP};
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
-use crate::plan::{CLEAR, is_flat};
 use crate::received::{Edge, Received};
-
-/// Lumels along the side of a cell.
-pub(crate) const CELL: usize = 8;
-
-/// Lumels from one sample of a cell to the next. Even, because lumels in odd rows or columns are
-/// interpolated.
-const STEP: usize = CELL / 2;
 
 /// Most cells that [`not_calm`] tries.
 const TRIED: usize = 24;
-
-/// Whether the lumel at this texel is a sample of its cell.
-pub(crate) fn is_sample(texel: [u32; 2]) -> bool {
-    texel.iter().all(|&x| (x as usize).is_multiple_of(STEP))
-}
-
-/// Flags the lumels of clear cells. `places` are points and sizes of all lumels.
-pub(crate) fn clear_cells(
-    world: &World,
-    lumels: &Lumels,
-    (index, places): (&TexelIndex, &[(SurfacePoint, f32)]),
-) -> Vec<bool> {
-    let clear: Vec<Vec<usize>> = (0..lumels.lumels.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .filter(|&i| {
-            lumels.lumels[i]
-                .texel
-                .iter()
-                .all(|&x| (x as usize).is_multiple_of(CELL))
-        })
-        .filter_map(|i| clear_cell(world, lumels, (index, places), i))
-        .collect();
-    let mut out = vec![false; lumels.lumels.len()];
-    clear.into_iter().flatten().for_each(|i| out[i] = true);
-    out
-}
-
-/// The lumels of the cell with the first corner `i`, if all lumels of the cell exist,
-/// are flat, and have nothing above them.
-fn clear_cell(
-    world: &World,
-    lumels: &Lumels,
-    (index, places): (&TexelIndex, &[(SurfacePoint, f32)]),
-    i: usize,
-) -> Option<Vec<usize>> {
-    let l = &lumels.lumels[i];
-    let [x, y] = l.texel.map(i64::from);
-    let at = |dx: usize, dy: usize| index.at(l.page, x + dx as i64, y + dy as i64);
-    let middle = at(STEP, STEP)?;
-    let mut own = Vec::with_capacity(CELL * CELL);
-    for [dx, dy] in (0..=CELL).flat_map(|dy| (0..=CELL).map(move |dx| [dx, dy])) {
-        let j = at(dx, dy)?;
-        let [ax, ay] = [dx, dy].map(|d| d.abs_diff(STEP) as f32);
-        let same = lumels.lumels[j].instance == l.instance;
-        if !same || !is_flat(lumels, places, (middle, j), (ax * ax + ay * ay).sqrt()) {
-            return None;
-        }
-        if dx < CELL && dy < CELL {
-            own.push(j);
-        }
-    }
-    let (point, size) = &places[middle];
-    let reach = CELL as f32 * 0.5f32.sqrt() + CLEAR;
-    (!world.anything_above(point, reach * size)).then_some(own)
-}
 
 /// The light of a lumel in a calm cell, with what else the cell's samples agree about.
 pub(crate) struct Calm<'m> {

@@ -71,6 +71,7 @@ mod between;
 mod blocks;
 mod calm;
 mod certainty;
+mod clear;
 mod edge;
 mod estimate;
 mod first;

@@ -21,15 +21,10 @@ use atlas::{Lumels, TexelIndex};
 use radiosity::{SurfacePoint, World, luminance};
 use rayon::prelude::*;
 
-use crate::calm::{clear_cells, is_sample};
+use crate::clear::{CLEAR, clear_cells, is_flat, is_sample};
 use crate::footprint::{Footprint, LumelFootprint};
 use crate::options::Interpolation;
 use crate::received::{Edge, Received};
-
-/// Nothing may rise above the surface within this many lumels of an interpolated one. Light from an
-/// object at distance R varies over distances of R, and the window of the quadratic fit extends
-/// seven lumels at most.
-pub(crate) const CLEAR: f32 = 4.0;
 
 /// Largest difference between neighbours, relative to their light, in addition to noise. If light
 /// changes that much and the change itself changes as much again, linear interpolation is off by an
@@ -39,10 +34,7 @@ const STEADY: f32 = 0.1;
 /// Standard errors of noise that are added to that.
 const SIGMAS: f32 = 3.0;
 
-/// Least cosine between normals of neighbours on a flat piece: 1.8°.
-const FLAT: f32 = 0.9995;
-
-/// The same three limits for [`Interpolation::Wide`], and the least coverage of a neighbour.
+/// Limits of clearance, difference and normals for [`Interpolation::Wide`], and the least coverage of a neighbour.
 /// Nothing rises within one lumel, because lumels at a contact have light of their own. Normals
 /// differ by at most 30°, as in the smoothing's window, which determines the final light of these
 /// lumels.
@@ -50,9 +42,6 @@ const WIDE_CLEAR: f32 = 1.0;
 const WIDE_STEADY: f32 = 0.3;
 const WIDE_FACING: f32 = 0.85;
 const WIDE_COVERED: f32 = 0.1;
-
-/// A lumel with less coverage may consist of pieces that are not adjacent on the surface.
-const WHOLE: f32 = 0.999;
 
 /// The neighbours that a lumel is interpolated between.
 pub(crate) type Beside = [Option<u32>; 4];
@@ -222,23 +211,6 @@ fn steady<'r>(beside: impl Iterator<Item = &'r Received>, rule: Interpolation) -
         n += 1.0;
     }
     high - low <= differ * sum / n + SIGMAS * (variance / n).sqrt()
-}
-
-/// Whether lumel `j` is whole, and in the plane of `i`, so many steps from it.
-pub(crate) fn is_flat(
-    lumels: &Lumels,
-    places: &[(SurfacePoint, f32)],
-    (i, j): (usize, usize),
-    steps: f32,
-) -> bool {
-    let (own, size) = &places[i];
-    let place = &places[j].0;
-    let way = place.position - own.position;
-    lumels.lumels[j].coverage >= WHOLE
-        && place.geometric.dot(own.geometric) >= FLAT
-        && place.normal.dot(own.normal) >= FLAT
-        && way.dot(own.geometric).abs() <= 0.02 * size
-        && way.length() <= 1.2 * steps * size
 }
 
 /// The neighbours that lumel `i` may be interpolated between.

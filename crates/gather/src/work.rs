@@ -14,7 +14,7 @@ use std::ops::Range;
 use radiosity::{Cancelled, Monitor, Phase};
 
 use crate::blocks::{IN_RUN, part_in_blocks};
-use crate::calm::CELL;
+use crate::clear::CELL;
 use crate::map::LumelMap;
 use crate::received::Received;
 use crate::window::WIDE;

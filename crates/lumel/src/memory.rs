@@ -112,7 +112,7 @@ impl Need {
         // Patches of lumels that cannot fit are not counted, because counting takes memory too.
         let fits =
             (settings.bounds.allowed()).map_or(f64::INFINITY, |allowed| allowed as f64 / OF_PAGE);
-        let solve = settings.solve_options_of(settings.lumels(soup).min(fits));
+        let solve = settings.solve_options_of(settings.patched_lumels(soup).min(fits));
         let stats = count_patches(world, &solve);
         let [patches, elements] = [stats.patches, stats.elements].map(f64::from);
         // Fewer rays are cast where they need more than is allowed.

@@ -443,6 +443,10 @@ impl Start {
 /// that the presets were tuned on, at the default density.
 const TUNED: f64 = 200_000.0;
 
+/// Most lumels of a triangle that patches are made for. Light changes where things are built: a
+/// house on a wide ground got four times its patches, and took half as long again.
+const WIDE: f64 = 10_000.0;
+
 /// Most patches. A patch takes about 2 kB with its elements and links.
 const MOST_PATCHES: f64 = 400_000.0;
 
@@ -462,6 +466,13 @@ impl Settings {
         lumels.sum()
     }
 
+    /// The lumels that decide how many patches there are: of a wide triangle only [`WIDE`].
+    pub(crate) fn patched_lumels(&self, soup: &Soup) -> f64 {
+        let density = self.texels_per_unit.map_or(0.0, f64::from);
+        let lumels = (soup.areas.iter()).map(|a| (f64::from(*a) * density * density).min(WIDE));
+        lumels.sum::<f64>().min(self.lumels(soup))
+    }
+
     /// Patches, links and direct light of the solve. Beyond [`TUNED`] lumels, the number of patches
     /// grows with that of lumels: each copy of a level, at one density, gets as many as it does
     /// alone.
@@ -470,7 +481,7 @@ impl Settings {
     /// of rays per patch hardly mattered between 128 and 256, because the gather averages over many
     /// patches.
     pub(crate) fn solve_options(&self, soup: &Soup) -> SolveOptions {
-        self.solve_options_of(self.lumels(soup))
+        self.solve_options_of(self.patched_lumels(soup))
     }
 
     /// As [`solve_options`](Settings::solve_options), for a level with this number of lumels.
