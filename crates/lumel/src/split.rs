@@ -19,8 +19,9 @@ const DIFFERENT: f32 = 0.1;
 /// outside of a shell sees backs and the sky.
 const INSIDE: f32 = 0.1;
 
-/// The same for unlit places: a dark room has walls all around, but the underside of an open crate
-/// sees only the floor.
+/// The same for unlit places, of the rays that leave what touches the sheet: a dark room has walls
+/// all around, even if a wardrobe stands against this one, but the underside of an open crate sees
+/// only the floor.
 const INSIDE_IN_THE_DARK: f32 = 0.5;
 
 /// Irradiance below this fraction of the scene's mean counts as unlit.
@@ -29,8 +30,8 @@ const UNLIT: f32 = 0.01;
 /// Rays from each patch.
 const RAYS: u32 = 8;
 
-/// Hits closer than this fraction of the sheet's size do not count, because nobody looks between a
-/// picture and its wall.
+/// What is closer than this fraction of the sheet's size touches it: nobody looks between a picture
+/// and its wall.
 const TOUCHING: f32 = 0.05;
 
 /// One side of a primitive of an instance.
@@ -39,9 +40,17 @@ struct Side {
     /// Irradiance × area.
     light: Vec3,
     area: f32,
-    rays: u32,
-    /// Rays that hit the front of something.
+    rays: Rays,
+}
+
+/// What rays from a side hit.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Rays {
+    all: u32,
+    /// The front of something beyond what touches the sheet.
     fronts: u32,
+    /// Something that touches the sheet.
+    near: u32,
 }
 
 impl Side {
@@ -52,8 +61,15 @@ impl Side {
     /// Whether people can be there.
     fn is_inside(&self, mean: f32) -> bool {
         let dark = luminance(self.mean()) <= UNLIT * mean;
-        let least = if dark { INSIDE_IN_THE_DARK } else { INSIDE };
-        self.fronts as f32 >= least * self.rays as f32 && self.rays > 0
+        self.rays.are_inside(dark)
+    }
+}
+
+impl Rays {
+    fn are_inside(&self, dark: bool) -> bool {
+        let left = self.all - self.near;
+        let surrounded = !dark || self.fronts as f32 >= INSIDE_IN_THE_DARK * left as f32;
+        self.fronts as f32 >= INSIDE * self.all as f32 && left > 0 && surrounded
     }
 }
 
@@ -137,11 +153,11 @@ fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u3
             return;
         };
         let of = &mut sides[usize::from(patch.back)];
-        let near = TOUCHING * of.area.sqrt();
-        of.rays += RAYS;
+        let touching = TOUCHING * of.area.sqrt();
+        of.rays.all += RAYS;
         // Nobody is in a body, whatever else lies in it.
         if !patch.hidden {
-            of.fronts += fronts(world, patch.triangle, patch.back, near);
+            cast(world, patch.triangle, patch.back, touching, &mut of.rays);
         }
     });
     let mean = luminance(solution.mean_irradiance().as_vec3());
@@ -162,9 +178,9 @@ pub(crate) fn note(scene: &Scene, split: &BTreeSet<(usize, usize)>) -> Option<St
     })
 }
 
-/// Number of the [`RAYS`] from a side of a triangle that hit the front of something beyond `near`.
-fn fronts(world: &World, triangle: u32, back: bool, near: f32) -> u32 {
-    let met = (0..RAYS).filter(|&k| {
+/// Adds what [`RAYS`] from a side of a triangle hit.
+fn cast(world: &World, triangle: u32, back: bool, touching: f32, rays: &mut Rays) {
+    for k in 0..RAYS {
         let s = sample_4d(k, 0, triangle);
         let (u, v) = match s[2] + s[3] > 1.0 {
             true => (1.0 - s[2], 1.0 - s[3]),
@@ -172,12 +188,11 @@ fn fronts(world: &World, triangle: u32, back: bool, near: f32) -> u32 {
         };
         let p = world.inset_point(triangle, u, v, back, false);
         let toward = cosine_hemisphere(p.normal, s[0], s[1]);
-        match world.incoming(p.origin, toward).0 {
-            Incoming::Surface(hit) => !hit.back && hit.t > near,
-            Incoming::Escaped | Incoming::Black => false,
+        if let Incoming::Surface(hit) = world.incoming(p.origin, toward).0 {
+            rays.near += u32::from(hit.t <= touching);
+            rays.fronts += u32::from(!hit.back && hit.t > touching);
         }
-    });
-    met.count() as u32
+    }
 }
 
 /// A patch of a double-sided face.
@@ -240,5 +255,20 @@ mod tests {
         assert!(!differ(&pieces(&[piece(1.0, 0.95), piece(0.95, 1.0)])));
         // What lies on the ground has no back that anybody sees.
         assert!(!differ(&pieces(&[[side(1.0), Side::default()]])));
+    }
+    #[test]
+    fn a_wardrobe_against_a_wall_of_a_dark_room_leaves_it_a_room() {
+        let rays = |fronts, near| Rays {
+            all: 100,
+            fronts,
+            near,
+        };
+        assert!(rays(38, 62).are_inside(true));
+        // A shell's outside, which sees the ground, the back of a picture, and an open crate.
+        assert!(!rays(38, 0).are_inside(true));
+        assert!(!rays(5, 95).are_inside(false));
+        assert!(!rays(5, 95).are_inside(true));
+        assert!(rays(38, 0).are_inside(false));
+        assert!(!rays(0, 100).are_inside(false));
     }
 }
