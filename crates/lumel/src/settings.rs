@@ -536,8 +536,12 @@ impl Settings {
             Start::Quick => (Interpolation::Wide, 0.25, 1),
             _ => (Interpolation::Open, 0.25, 3),
         };
-        // With 0.1 and more, levels without a sky became noisier.
-        let calm = self.error.unwrap_or(error).min(0.03);
+        // With 0.1 and more, levels without a sky became noisier. Directions are much noisier than
+        // light, and in calm cells nothing would smooth them.
+        let calm = match self.directional {
+            None => self.error.unwrap_or(error).min(0.03),
+            Some(_) => 0.0,
+        };
         let (most, error) = match self.error {
             None => (most, error),
             Some(_) => (rays, 1.0),
@@ -589,6 +593,18 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn directions_are_gathered_everywhere() {
+        let settings = Settings::default();
+        assert_eq!(settings.lumel_options().calm, 0.03);
+        let directional = Some(Directional::Sh1);
+        let settings = Settings {
+            directional,
+            ..settings
+        };
+        assert_eq!(settings.lumel_options().calm, 0.0);
+    }
 
     #[test]
     fn what_is_to_reach_an_error_looks_for_contacts() {
