@@ -34,10 +34,10 @@ const STEADY: f32 = 0.1;
 /// Standard errors of noise that are added to that.
 const SIGMAS: f32 = 3.0;
 
-/// Limits of clearance, difference and normals for [`Interpolation::Wide`], and the least coverage of a neighbour.
-/// Nothing rises within one lumel, because lumels at a contact have light of their own. Normals
-/// differ by at most 30°, as in the smoothing's window, which determines the final light of these
-/// lumels.
+/// Limits of clearance, difference and normals for [`Interpolation::Wide`], and the least coverage
+/// of a neighbour. Nothing rises within one lumel, because lumels at a contact have light of their
+/// own. Normals differ by at most 30°, as in the smoothing's window, which determines the final
+/// light of these lumels.
 const WIDE_CLEAR: f32 = 1.0;
 const WIDE_STEADY: f32 = 0.3;
 const WIDE_FACING: f32 = 0.85;

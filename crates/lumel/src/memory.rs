@@ -14,9 +14,9 @@ use crate::settings::{BakeMode, GltfExt, Settings};
 /// Peak memory in bytes: fixed, per triangle, per triangle of the largest mesh while its charts are
 /// made, per lumel of a tile, and per point of a seam. Fitted to bakes at draft: up to 5 million
 /// lumels and 500,000 triangles, one made only of chart borders (lab/large_levels.md); the fixed
-/// part to small levels (lab/estimate.md), with 3 MB for what the heaps of threads keep: the Cornell
-/// box at preview took 62 to 70 MiB in ten bakes. Vertices that `--vertex-error` adds need less than the
-/// lumels' light, which is freed before.
+/// part to small levels (lab/estimate.md), with 3 MB for what the heaps of threads keep: the
+/// Cornell box at preview took 62 to 70 MiB in ten bakes. Vertices that `--vertex-error` adds need
+/// less than the lumels' light, which is freed before.
 const BYTES: [f64; 5] = [33.0e6, 500.0, 400.0, 520.0, 350.0];
 
 /// Bytes of a patch, and of an element: its place, area, reflectance and light, and the light around
