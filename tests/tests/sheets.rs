@@ -82,6 +82,11 @@ fn faces_back_to_back_are_each_seen_from_their_own_side() {
 
 /// Two rooms with a lamp each, and a double-sided wall between them.
 fn wall_without_thickness(candela: [f32; 2]) -> Vec<u8> {
+    wall_and_furniture(candela, None)
+}
+
+/// The same with something else in them.
+fn wall_and_furniture(candela: [f32; 2], furniture: Option<&Geometry>) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.5; 3]));
     let sheet = b.material(&Material {
@@ -96,6 +101,10 @@ fn wall_without_thickness(candela: [f32; 2]) -> Vec<u8> {
     ] {
         let mesh = b.mesh(name, &[(g, m)]);
         b.node(Node::of_mesh(name, mesh));
+    }
+    if let Some(g) = furniture {
+        let mesh = b.mesh("furniture", &[(g, white)]);
+        b.node(Node::of_mesh("furniture", mesh));
     }
     for (x, intensity) in [-1.0, 1.0].into_iter().zip(candela) {
         let light = b.light("lamp", Light::Point([intensity; 3]));
@@ -145,6 +154,18 @@ fn a_wall_without_thickness_shows_the_light_of_both_rooms() {
             .iter()
             .any(|w| w.contains("\"wall\""))
     );
+}
+
+#[test]
+fn a_wardrobe_against_a_wall_of_a_dark_room_leaves_it_two_sides() {
+    // A centimetre off, before four fifths of the wall.
+    let wardrobe = cuboid(Vec3::new(0.01, 0.0, 0.1), Vec3::new(0.6, 1.8, 1.9), 1).bare();
+    let baked = bake(
+        &wall_and_furniture([5.0, 0.01], Some(&wardrobe)),
+        &settings(),
+    );
+    let [left, right] = [-1.0, 1.0].map(|x| mean_facing(&baked, "wall", glam::DVec3::X * x));
+    assert!(left > 100.0 * right, "{left} {right}");
 }
 
 #[test]

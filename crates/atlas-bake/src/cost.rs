@@ -22,6 +22,9 @@ const TRIES: usize = 3;
 /// Most rounds.
 const ROUNDS: usize = 24;
 
+/// Cells of open surfaces that are tried out, over all tiles; nine lumels each.
+const CELLS: usize = 24;
+
 /// Seconds, long enough to sample all kinds of lumels, but short compared to reading and unwrapping a
 /// level.
 const ENOUGH: f64 = 0.5;
@@ -123,10 +126,11 @@ pub fn gather_cost(
         ROUNDS.div_ceil(tiles.len().max(1)),
         ENOUGH / tiles.len().max(1) as f64,
     );
+    let cells = CELLS.div_ceil(tiles.len().max(1));
     for tile in tiles {
         let map = LumelMap::of(world, layout, options.lumels.interpolation, tile);
         let full: Vec<usize> = (0..map.len()).filter(|&i| map.is_gathered(i)).collect();
-        cost.gathered += full.len() + not_calm(&gatherer, &map);
+        cost.gathered += full.len() + not_calm(&gatherer, &map, cells);
         if !full.is_empty() {
             let trial = try_out(&gatherer, &map, &full, (rounds, enough));
             done += trial.lumels;

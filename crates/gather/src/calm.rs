@@ -14,9 +14,6 @@ use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 
-/// Most cells that [`not_calm`] tries.
-const TRIED: usize = 24;
-
 /// The light of a lumel in a calm cell, with what else the cell's samples agree about.
 pub(crate) struct Calm<'m> {
     pub indirect: Between,
@@ -31,8 +28,9 @@ pub(crate) fn calm(map: &LumelMap, i: usize, limit: f32) -> Option<Calm<'_>> {
     agreed(samples, place(map, i), limit)
 }
 
-/// Estimated number of lumels in clear cells that are not calm, from a few cells.
-pub fn not_calm(gatherer: &Gatherer, map: &LumelMap) -> usize {
+/// Estimated number of lumels that have to be gathered because their cell, though clear, is not
+/// calm: from so many cells.
+pub fn not_calm(gatherer: &Gatherer, map: &LumelMap, cells: usize) -> usize {
     let held: Vec<usize> = (0..map.len()).filter(|&i| map.plan.is_held(i)).collect();
     let gather = |i: usize| {
         let (footprint, seed) = map.footprint(gatherer.world(), i);
@@ -43,7 +41,7 @@ pub fn not_calm(gatherer: &Gatherer, map: &LumelMap) -> usize {
         let light = std::array::from_fn(|k| &light[k]);
         agreed(light, place(map, i), gatherer.options.calm).map(|_| ())
     };
-    let tried = held.par_iter().step_by(held.len().div_ceil(TRIED).max(1));
+    let tried = held.par_iter().step_by(held.len().div_ceil(cells).max(1));
     let calm: Vec<bool> = tried.map(|&i| is_calm(i).is_some()).collect();
     let not = calm.iter().filter(|&&calm| !calm).count();
     held.len() * not / calm.len().max(1)

@@ -66,8 +66,8 @@ pub(crate) fn clear_cells(
     out
 }
 
-/// The lumels of the cell with the first corner `i`, if all lumels of the cell exist,
-/// are flat, and have nothing above them.
+/// The lumels of the cell with the first corner `i`, if all of them exist, lie in a plane, and have
+/// nothing above them.
 fn clear_cell(
     world: &World,
     lumels: &Lumels,

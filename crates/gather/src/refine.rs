@@ -107,8 +107,8 @@ pub(crate) fn add_rays(
         .into_par_iter()
         .with_min_len(256)
         .filter_map(|i| {
-            let calm = map.plan.is(i) || map.plan.is_calm(i);
-            if received[i].edge == Edge::Contact || received[i].open < 1.0 || calm {
+            let needless = map.plan.is(i) || map.plan.is_calm(i);
+            if received[i].edge == Edge::Contact || received[i].open < 1.0 || needless {
                 return None; // It already has many, or its rays do not matter.
             }
             let (around, n) = window.around(i);

@@ -22,9 +22,9 @@ use crate::window::WIDE;
 /// A pass that gathers light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Pass {
-    /// The first, at lumels that are not interpolated.
+    /// The first, at lumels that are gathered in any case.
     First,
-    /// Lumels of clear cells, after the samples of these.
+    /// The other lumels of clear cells, after the cells' samples.
     Cells,
     /// Direct light at interpolated lumels.
     Between,

@@ -191,7 +191,7 @@ fn gatherer<'w, 'a>(
         contacts: false,
         follow: 0,
         interpolation: Interpolation::Open,
-        calm: 0.03,
+        calm: 0.0,
         near: 1.0,
         lit,
         open_only: false,
