@@ -20,9 +20,9 @@ const DIFFERENT: f32 = 0.1;
 const INSIDE: f32 = 0.1;
 
 /// The same for unlit places, of the rays that leave what touches the sheet: a dark room has walls
-/// all around, even if a wardrobe stands against this one, but the underside of an open crate sees
-/// only the floor.
-const INSIDE_IN_THE_DARK: f32 = 0.5;
+/// all around, even if a wardrobe stands against this one. The underside of an open crate sees only
+/// the floor, and the inside of one that stands in others sees half of theirs from behind.
+const INSIDE_IN_THE_DARK: f32 = 0.75;
 
 /// Irradiance below this fraction of the scene's mean counts as unlit.
 const UNLIT: f32 = 0.01;
@@ -264,8 +264,10 @@ mod tests {
             near,
         };
         assert!(rays(38, 62).are_inside(true));
-        // A shell's outside, which sees the ground, the back of a picture, and an open crate.
+        // A shell's outside, which sees the ground, and a crate with another one through its side.
         assert!(!rays(38, 0).are_inside(true));
+        assert!(!rays(49, 12).are_inside(true));
+        // The back of a picture.
         assert!(!rays(5, 95).are_inside(false));
         assert!(!rays(5, 95).are_inside(true));
         assert!(rays(38, 0).are_inside(false));

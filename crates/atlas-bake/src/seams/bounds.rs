@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-use crate::seams::rows::Row;
+use crate::seams::rows::{LITTLE, Row};
 
 /// Lower and upper bounds of the change that the seams justify, for four channels at once.
 ///
@@ -30,7 +30,9 @@ pub(super) fn bounds(
         let difference = row.difference(values).abs();
         let reads = || {
             let terms = row.texels.iter().zip(&row.weights);
-            terms.filter(|(_, w)| **w != 0.0).map(|(&t, _)| t as usize)
+            terms
+                .filter(|(_, w)| w.abs() > LITTLE)
+                .map(|(&t, _)| t as usize)
         };
         // Dilated and hidden texels only set bounds if there are no others.
         let any = reads().any(|t| seen[t] > 0.0);
@@ -85,4 +87,45 @@ pub(super) fn bounds(
         high[i] = (high[i] + room - values[i]).min(most);
     }
     [low, high]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bounds of the change of texel 0 by a seam between it and a darker one. Beside both lies a
+    /// bright texel of another chart, which the lookups read with this weight.
+    fn of_half_covered(weight: f32) -> [f32; 2] {
+        let row = Row {
+            texels: [0, 2, 2, 2, 1, 2, 2, 2],
+            weights: [
+                1.0 - weight,
+                weight,
+                0.0,
+                0.0,
+                weight - 1.0,
+                -weight,
+                0.0,
+                0.0,
+            ],
+            agree: 1.0,
+            misfit: 0.0,
+            scale: 1.0,
+            texels_long: 1.0,
+            counts: true,
+        };
+        let values = [0.4, 0.3, 3.0].map(Vec4::splat);
+        let (seen, narrow) = ([0.5, 0.5, 1.0], [false; 3]);
+        let [low, high] = bounds(&[row], &[], &[0; 3], &seen, &narrow, &values, Vec4::ZERO);
+        [low[0].x, high[0].x]
+    }
+
+    #[test]
+    fn what_rounding_makes_a_lookup_read_widens_no_bounds() {
+        // Borders through the centres of texels read the next chart with weights of 1e-6.
+        let near = |[a, b]: [f32; 2], [c, d]: [f32; 2]| (a - c).abs() + (b - d).abs() < 1e-4;
+        assert!(near(of_half_covered(1e-6), of_half_covered(0.0)));
+        let [low, high] = of_half_covered(0.0);
+        assert!(low > -0.2 && high < 0.1, "{low} {high}");
+    }
 }

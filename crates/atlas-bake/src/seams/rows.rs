@@ -6,7 +6,7 @@ use radiosity::luminance;
 use crate::page::Page;
 
 /// Weights of a lookup below this are neglected.
-const LITTLE: f32 = 1e-3;
+pub(super) const LITTLE: f32 = 1e-3;
 
 /// A chart is narrow if at most this fraction of its lumels is not part of any seam. At 0.6, half a
 /// sphere would count.
