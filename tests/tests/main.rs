@@ -21,6 +21,7 @@ mod platform_math;
 mod round_trip;
 mod seams;
 mod second_method;
+mod shadows;
 mod shared_scenes;
 mod sheets;
 mod smooth;

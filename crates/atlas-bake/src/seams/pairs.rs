@@ -2,7 +2,7 @@
 
 use atlas::{Layout, Lumels};
 use glam::{Vec2, Vec3};
-use radiosity::World;
+use radiosity::{Suns, World};
 use rayon::prelude::*;
 
 use crate::seams::border::{Piece, border_pieces};
@@ -117,13 +117,20 @@ pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> V
             out
         })
         .collect();
+    let suns = Suns::new(world);
     let texels: f64 = stretches.iter().map(|s| f64::from(s.texels)).sum();
     let spacing = SPACING.max((texels / (MOST_SAMPLES * layout.texels())) as f32);
     (stretches.par_iter())
         .with_min_len(64)
         .flat_map_iter(|s| {
             let mut out = Vec::new();
-            sample(world, s.pieces.map(|i| &pieces[i]), s, spacing, &mut out);
+            sample(
+                (world, &suns),
+                s.pieces.map(|i| &pieces[i]),
+                s,
+                spacing,
+                &mut out,
+            );
             out
         })
         .collect()
@@ -189,14 +196,37 @@ fn places(pieces: [&Piece; 2], params: [f32; 2]) -> [Vec2; 2] {
 }
 
 /// Samples of a stretch, at most `spacing` texels apart.
-fn sample(world: &World, pieces: [&Piece; 2], s: &Stretch, spacing: f32, out: &mut Vec<Sample>) {
+fn sample(
+    (world, suns): (&World, &Suns),
+    pieces: [&Piece; 2],
+    s: &Stretch,
+    spacing: f32,
+    out: &mut Vec<Sample>,
+) {
     let [a, b] = s.ends.map(|params| places(pieces, params));
     let along = [b[0] - a[0], b[1] - a[1]].map(|v| v / s.texels);
     let n = (s.texels / spacing).ceil().max(1.0);
-    for i in 0..n as u32 {
+    let params = |i: u32| {
         let x = (i as f32 + 0.5) / n;
-        let params = [0, 1].map(|k| s.ends[0][k] + (s.ends[1][k] - s.ends[0][k]) * x);
-        if goes_on(world, pieces, params) {
+        [0, 1].map(|k| s.ends[0][k] + (s.ends[1][k] - s.ends[0][k]) * x)
+    };
+    // Charts end at the edges of shadows on flat surfaces only.
+    let curved = pieces.iter().any(|p| world.is_curved(p.triangle));
+    let parted: Vec<u32> = match curved || suns.is_empty() {
+        true => Vec::new(),
+        false => (0..n as u32)
+            .filter(|&i| is_shadow_edge((world, suns), pieces, params(i)))
+            .collect(),
+    };
+    // Lookups a texel away read the same lumels.
+    let reach = (n / s.texels).ceil() as u32;
+    let is_free = |i: u32| {
+        let k = parted.partition_point(|&p| p + reach < i);
+        parted.get(k).is_none_or(|&p| p > i + reach)
+    };
+    for i in 0..n as u32 {
+        let params = params(i);
+        if is_free(i) && goes_on(world, pieces, params) {
             let at = places(pieces, params);
             out.push(Sample {
                 along,
@@ -242,4 +272,18 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     }
     let free = world.transmitted(ends[0], ends[1] - ends[0], 1.0);
     free.max_element() > 0.0
+}
+
+/// Distance from the seam, texels, at which a sun's light is compared.
+const AT_THE_EDGE: f32 = 0.1;
+
+/// Whether a sun shines on one side of the seam only.
+fn is_shadow_edge((world, suns): (&World, &Suns), pieces: [&Piece; 2], params: [f32; 2]) -> bool {
+    let p = pieces[0];
+    let normal = world.soup.normals[p.triangle as usize];
+    let on = p.world[0].lerp(p.world[1], params[0]);
+    let texel = p.texel.max(pieces[1].texel);
+    let on = on + normal * world.offset(on);
+    let across = pieces.map(|p| p.inward);
+    suns.part(world, on, (across, normal), AT_THE_EDGE * texel, texel)
 }

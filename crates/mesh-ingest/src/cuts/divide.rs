@@ -11,6 +11,9 @@ pub(super) struct Line {
     pub triangle: u32,
     pub normal: DVec3,
     pub offset: f64,
+    /// The ends of its line; `None` if it cuts all of the piece. Earlier lines divide the piece into
+    /// cells, and a line cuts those that it enters, from border to border.
+    pub ends: Option<[DVec3; 2]>,
 }
 
 /// Triangles belong to a flat piece if their normals are within 1° of the first one's.
@@ -55,8 +58,8 @@ pub(super) struct Divided {
     on: Vec<Option<(Edge, f64)>>,
     /// New vertices.
     added: Vec<Between>,
-    /// Triangles with their side.
-    triangles: Vec<([u32; 3], bool)>,
+    /// Triangles with their colour. Neighbours on either side of a line have different ones.
+    triangles: Vec<([u32; 3], u32)>,
     original: usize,
 }
 
@@ -74,7 +77,7 @@ impl Divided {
             original: positions.len(),
             positions,
             added: Vec::new(),
-            triangles: triangles.iter().map(|t| (*t, false)).collect(),
+            triangles: triangles.iter().map(|t| (*t, 0)).collect(),
         };
         if lines.is_empty() {
             return out;
@@ -105,7 +108,7 @@ impl Divided {
             parts.extend(out.cut(triangles, piece, lines));
         }
         let kept = (triangles.iter().zip(&piece_of)).filter(|(_, piece)| piece.is_none());
-        out.triangles = kept.map(|(t, _)| (*t, false)).collect();
+        out.triangles = kept.map(|(t, _)| (*t, 0)).collect();
         out.triangles.extend(parts);
         for (on, position) in out.on.iter().zip(&out.positions) {
             if let Some((edge, at)) = on {
@@ -146,62 +149,186 @@ impl Divided {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// The parts of a piece, with their sides.
+    /// The parts of a piece, with their colours.
     fn cut(
         &mut self,
         triangles: &[[u32; 3]],
         piece: &[u32],
         lines: &[&Line],
-    ) -> Vec<([u32; 3], bool)> {
+    ) -> Vec<([u32; 3], u32)> {
         let corners = || piece.iter().flat_map(|&t| triangles[t as usize]);
         let (low, high) = corners().fold((DVec3::MAX, DVec3::MIN), |(low, high), v| {
             (low.min(self.at(v)), high.max(self.at(v)))
         });
         let near = ON_LINE * (high - low).length();
-        let mut parts: Vec<([u32; 3], bool)> = piece
-            .iter()
-            .map(|&t| (triangles[t as usize], false))
+        let up = piece
+            .first()
+            .map_or(DVec3::Z, |&t| self.normal(triangles[t as usize]));
+        let mut parts: Vec<([u32; 3], u32)> = (piece.iter())
+            .map(|&t| (triangles[t as usize], 0))
             .collect();
+        let mut cells = 1;
         for line in lines {
-            let length = line.normal.length();
-            let height = |p: DVec3| {
-                let h = (line.normal.dot(p) - line.offset) / length;
-                if h.abs() <= near { 0.0 } else { h }
+            self.cut_along(line, (near, up), &mut parts, &mut cells);
+        }
+        let colours = self.colours(&parts, cells);
+        (parts.into_iter())
+            .map(|(t, cell)| (t, colours[cell as usize]))
+            .collect()
+    }
+
+    /// Divides the cells that a line enters.
+    fn cut_along(
+        &mut self,
+        line: &Line,
+        (near, up): (f64, DVec3),
+        parts: &mut Vec<([u32; 3], u32)>,
+        cells: &mut u32,
+    ) {
+        let length = line.normal.length();
+        let height = |p: DVec3| {
+            let h = (line.normal.dot(p) - line.offset) / length;
+            if h.abs() <= near { 0.0 } else { h }
+        };
+        let heights = |d: &Divided, t: &[u32; 3]| t.map(|v| height(d.at(v)));
+        let crosses = |h: [f64; 3]| h.iter().any(|h| *h > 0.0) && h.iter().any(|h| *h < 0.0);
+        let along = line.normal.cross(up);
+        let range = line.ends.map(|ends| {
+            let [a, b] = ends.map(|p| along.dot(p));
+            [a.min(b), a.max(b)]
+        });
+        let mut entered: BTreeMap<u32, u32> = BTreeMap::new();
+        for (t, cell) in parts.iter() {
+            let h = heights(self, t);
+            if crosses(h) && range.is_none_or(|r| self.meets(*t, h, along, r)) {
+                entered.insert(*cell, 0);
+            }
+        }
+        // What is above the line becomes a cell of its own.
+        for above in entered.values_mut() {
+            *above = *cells;
+            *cells += 1;
+        }
+        let mut made = BTreeMap::new();
+        let mut next = Vec::with_capacity(parts.len() + 8);
+        for (t, cell) in parts.iter() {
+            let Some(&above) = entered.get(cell) else {
+                continue;
             };
-            let mut made = BTreeMap::new();
-            let mut next = Vec::with_capacity(parts.len() + 8);
-            for (t, side) in parts {
-                let h = t.map(|v| height(self.at(v)));
-                let (above, below) = (h.iter().any(|h| *h > 0.0), h.iter().any(|h| *h < 0.0));
-                if !(above && below) {
-                    next.push((t, side ^ above));
-                    continue;
-                }
-                // Corner `k` is alone on its side; either of the others may be on the line.
-                let alone = |k: usize| {
-                    let [own, a, b] = [h[k], h[(k + 1) % 3], h[(k + 2) % 3]];
-                    own != 0.0 && own * a <= 0.0 && own * b <= 0.0
-                };
-                let k = (0..3).find(|&k| alone(k)).unwrap_or(0);
-                let [p, a, b] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-                let [ha, hb] = [h[(k + 1) % 3], h[(k + 2) % 3]];
-                let own = side ^ (h[k] > 0.0);
-                let mut meet = |v: u32, hv: f64| match hv == 0.0 {
-                    true => v,
-                    false => self.between([p, v], [h[k], hv], &mut made),
-                };
-                let (m, n) = (meet(a, ha), meet(b, hb));
-                next.push(([p, m, n], own));
-                if m != a {
-                    next.push(([m, a, b], !own));
-                }
-                if n != b {
-                    next.push(([m, b, n], !own));
+            let h = heights(self, t);
+            if !crosses(h) {
+                let is_above = h.iter().any(|h| *h > 0.0);
+                next.push((*t, if is_above { above } else { *cell }));
+                continue;
+            }
+            // Corner `k` is alone on its side; either of the others may be on the line.
+            let alone = |k: usize| {
+                let [own, a, b] = [h[k], h[(k + 1) % 3], h[(k + 2) % 3]];
+                own != 0.0 && own * a <= 0.0 && own * b <= 0.0
+            };
+            let k = (0..3).find(|&k| alone(k)).unwrap_or(0);
+            let [p, a, b] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+            let [ha, hb] = [h[(k + 1) % 3], h[(k + 2) % 3]];
+            let [own, other] = match h[k] > 0.0 {
+                true => [above, *cell],
+                false => [*cell, above],
+            };
+            let mut meet = |v: u32, hv: f64| match hv == 0.0 {
+                true => v,
+                false => self.between([p, v], [h[k], hv], &mut made),
+            };
+            let (m, n) = (meet(a, ha), meet(b, hb));
+            next.push(([p, m, n], own));
+            if m != a {
+                next.push(([m, a, b], other));
+            }
+            if n != b {
+                next.push(([m, b, n], other));
+            }
+        }
+        // Triangles of other cells get the new vertices on their edges too.
+        let divided: BTreeSet<Edge> = (made.keys())
+            .map(|ends: &[u32; 2]| self.places(*ends))
+            .collect();
+        let mut others: Vec<([u32; 3], u32)> = (parts.iter())
+            .filter(|(_, cell)| !entered.contains_key(cell))
+            .copied()
+            .collect();
+        while let Some((t, cell)) = others.pop() {
+            let h = heights(self, &t);
+            let split = (0..3).find(|&k| {
+                let ends = [t[k], t[(k + 1) % 3]];
+                h[k] * h[(k + 1) % 3] < 0.0 && divided.contains(&self.places(ends))
+            });
+            let Some(k) = split else {
+                next.push((t, cell));
+                continue;
+            };
+            let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+            let m = self.between([a, b], [h[k], h[(k + 1) % 3]], &mut made);
+            others.push(([m, b, c], cell));
+            others.push(([a, m, c], cell));
+        }
+        *parts = next;
+    }
+
+    /// Whether the line that a triangle's corners have these heights above meets it within a range
+    /// along it.
+    fn meets(&self, t: [u32; 3], h: [f64; 3], along: DVec3, range: [f64; 2]) -> bool {
+        let mut least = f64::INFINITY;
+        let mut most = f64::NEG_INFINITY;
+        let mut add = |x: f64| (least, most) = (least.min(x), most.max(x));
+        for k in 0..3 {
+            let (a, b) = (k, (k + 1) % 3);
+            if h[a] == 0.0 {
+                add(along.dot(self.at(t[a])));
+            }
+            if h[a] * h[b] < 0.0 {
+                let p = self.at(t[a]).lerp(self.at(t[b]), h[a] / (h[a] - h[b]));
+                add(along.dot(p));
+            }
+        }
+        most > range[0] && least < range[1]
+    }
+
+    /// A colour for each cell, other than those of its neighbours: two if the lines go through, and
+    /// hardly more than four.
+    fn colours(&self, parts: &[([u32; 3], u32)], cells: u32) -> Vec<u32> {
+        let mut of_edge: BTreeMap<Edge, u32> = BTreeMap::new();
+        let mut beside: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); cells as usize];
+        for (t, cell) in parts {
+            for edge in edges_of(*t, &self.positions) {
+                let other = *of_edge.entry(edge).or_insert(*cell);
+                if other != *cell {
+                    beside[other as usize].insert(*cell);
+                    beside[*cell as usize].insert(other);
                 }
             }
-            parts = next;
         }
-        parts
+        const NONE: u32 = u32::MAX;
+        let mut colours = vec![NONE; cells as usize];
+        for start in 0..cells {
+            // From neighbour to neighbour, so that a chessboard gets two colours.
+            let mut queue = std::collections::VecDeque::from([start]);
+            while let Some(cell) = queue.pop_front() {
+                if colours[cell as usize] != NONE {
+                    continue;
+                }
+                let taken: BTreeSet<u32> = (beside[cell as usize].iter())
+                    .map(|&n| colours[n as usize])
+                    .collect();
+                colours[cell as usize] = (0..).find(|c| !taken.contains(c)).unwrap_or(0);
+                queue.extend(&beside[cell as usize]);
+            }
+        }
+        colours
+    }
+
+    /// The places of two vertices, in ascending order.
+    fn places(&self, ends: [u32; 2]) -> Edge {
+        let mut edge = ends.map(|v| place(self.positions[v as usize]));
+        edge.sort_unstable();
+        edge
     }
 
     /// The vertex where a line crosses an edge whose ends have these heights.
@@ -248,9 +375,7 @@ impl Divided {
         match ends.map(|v| self.on[v as usize]) {
             // Original vertices are joined by original edges only.
             [None, None] if ends.iter().all(|v| (*v as usize) < self.original) => {
-                let mut edge = ends.map(place_of);
-                edge.sort_unstable();
-                Some(edge)
+                Some(self.places(ends))
             }
             [Some((e, _)), Some((f, _))] => (e == f).then_some(e),
             [Some((e, _)), None] => e.contains(&place_of(ends[1])).then_some(e),
@@ -267,14 +392,14 @@ impl Divided {
         let mut todo = std::mem::take(&mut self.triangles);
         todo.reverse();
         let mut made = BTreeMap::new();
-        while let Some((t, side)) = todo.pop() {
+        while let Some((t, colour)) = todo.pop() {
             match (0..3).find_map(|k| self.point_on([t[k], t[(k + 1) % 3]], edges, &mut made)) {
-                None => self.triangles.push((t, side)),
+                None => self.triangles.push((t, colour)),
                 Some((k, m)) => {
                     let k = t.iter().position(|v| *v == k).unwrap_or(0);
                     let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-                    todo.push(([m, b, c], side));
-                    todo.push(([a, m, c], side));
+                    todo.push(([m, b, c], colour));
+                    todo.push(([a, m, c], colour));
                 }
             }
         }
@@ -314,7 +439,7 @@ impl Divided {
 
     /// Whether there is nothing to write.
     pub fn is_unchanged(&self) -> bool {
-        self.added.is_empty() && self.triangles.iter().all(|t| !t.1)
+        self.added.is_empty() && self.triangles.iter().all(|t| t.1 == 0)
     }
 
     /// New vertices, whose parents come before them.
@@ -327,12 +452,14 @@ impl Divided {
         &self.positions
     }
 
-    /// The triangles of each side.
-    pub fn sides(&self) -> [Vec<[u32; 3]>; 2] {
-        [false, true].map(|side| {
-            let of_side = self.triangles.iter().filter(|t| t.1 == side);
-            of_side.map(|t| t.0).collect()
-        })
+    /// The triangles of each colour.
+    pub fn by_colour(&self) -> Vec<Vec<[u32; 3]>> {
+        let colours = self.triangles.iter().map(|t| t.1 + 1).max().unwrap_or(0);
+        let mut out = vec![Vec::new(); colours as usize];
+        for (t, colour) in &self.triangles {
+            out[*colour as usize].push(*t);
+        }
+        out
     }
 }
 
@@ -391,7 +518,12 @@ mod tests {
             triangle: 0,
             normal: normal.into(),
             offset,
+            ends: None,
         }
+    }
+
+    fn two_colours(d: &Divided) -> [Vec<[u32; 3]>; 2] {
+        d.by_colour().try_into().expect("two colours")
     }
 
     fn area(d: &Divided, triangles: &[[u32; 3]]) -> f64 {
@@ -409,7 +541,7 @@ mod tests {
         let lines = [line([1.0, 0.0, 0.0], 0.5)];
         let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
         d.join(&edges);
-        let [near, far] = d.sides();
+        let [near, far] = two_colours(&d);
         // The wall of 2 m² stays with the first side, where x < 0.5.
         assert!((area(&d, &near) - 3.0).abs() < 1e-6, "{}", area(&d, &near));
         assert!((area(&d, &far) - 3.0).abs() < 1e-6, "{}", area(&d, &far));
@@ -429,11 +561,57 @@ mod tests {
         let lines = [line([1.0, 0.0, 0.0], 1.0), line([0.0, 2.0, 0.0], 2.0)];
         let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
         d.join(&edges);
-        let [_, odd] = d.sides();
+        let [_, odd] = two_colours(&d);
         assert!((area(&d, &odd) - 2.0).abs() < 1e-6);
         for t in &odd {
             let c = t.map(|v| d.at(v)).into_iter().sum::<DVec3>() / 3.0;
             assert!((c.x > 1.0) != (c.y > 1.0), "{c}");
+        }
+    }
+
+    #[test]
+    fn a_line_with_ends_cuts_only_the_cells_it_enters() {
+        let (positions, triangles) = square_and_wall();
+        let mut edges = Edges::default();
+        let ended = |normal, offset, ends: [[f64; 3]; 2]| Line {
+            ends: Some(ends.map(DVec3::from)),
+            ..line(normal, offset)
+        };
+        // x = 1 from border to border; then y = 1 and y = 0.5, right and left of it.
+        let lines = [
+            line([1.0, 0.0, 0.0], 1.0),
+            ended([0.0, 1.0, 0.0], 1.0, [[1.2, 1.0, 0.0], [1.7, 1.0, 0.0]]),
+            ended([0.0, 1.0, 0.0], 0.5, [[0.8, 0.5, 0.0], [0.2, 0.5, 0.0]]),
+        ];
+        let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
+        d.join(&edges);
+        let parts = d.by_colour();
+        let sum: f64 = parts.iter().map(|part| area(&d, part)).sum();
+        assert!((sum - 6.0).abs() < 1e-6, "{sum}");
+        let mut sides: BTreeMap<Edge, Vec<(usize, [u32; 3])>> = BTreeMap::new();
+        for (colour, part) in parts.iter().enumerate() {
+            for t in part {
+                for edge in edges_of(*t, d.positions()) {
+                    sides.entry(edge).or_default().push((colour, *t));
+                }
+            }
+        }
+        let ends = |edge: &Edge| edge.map(|p| Vec3::from(p.map(f32::from_bits)));
+        let is_border = |a: Vec3, b: Vec3| {
+            let both = |x: f32, at: fn(Vec3) -> f32| at(a) == x && at(b) == x;
+            both(0.0, |p| p.x) || both(2.0, |p| p.x) || both(2.0, |p| p.y) || both(1.0, |p| p.z)
+        };
+        for (edge, of) in &sides {
+            let [a, b] = ends(edge);
+            // No gaps: the corner where y = 1 meets x = 1 is one of the left side, too.
+            assert_eq!(of.len(), 2 - usize::from(is_border(a, b)), "{a} {b}");
+            let on_line = (a.x == 1.0 && b.x == 1.0 && a.z + b.z == 0.0)
+                || (a.y == 1.0 && b.y == 1.0 && a.x.min(b.x) >= 1.0)
+                || (a.y == 0.5 && b.y == 0.5 && a.x.max(b.x) <= 1.0);
+            let flat = a.z == 0.0 && b.z == 0.0 && a.y + b.y > 0.0;
+            if of.len() == 2 && flat {
+                assert_eq!(of[0].0 != of[1].0, on_line, "{a} {b}");
+            }
         }
     }
 
@@ -462,7 +640,7 @@ mod tests {
         let mut edges = Edges::default();
         let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
         d.join(&edges);
-        let [near, far] = d.sides();
+        let [near, far] = two_colours(&d);
         let sum = area(&d, &near) + area(&d, &far);
         // Eight strips of 2 m²; positions are f32.
         assert!((sum - 16.0).abs() < 1e-4, "{sum}");

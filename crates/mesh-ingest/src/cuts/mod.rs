@@ -6,8 +6,8 @@
 //!
 //! Here the document itself is changed, before it is read. Triangles that the line crosses are
 //! divided, and the parts on either side of it go to different primitives, because charts never
-//! span two primitives. Several lines divide a surface like a chessboard, so two primitives
-//! suffice. Everything after that, the writers included, sees an ordinary document.
+//! span two primitives. Lines that go through divide a surface like a chessboard, so two primitives
+//! suffice; where some end at others it is hardly ever more than four. Everything after that, the writers included, sees an ordinary document.
 
 mod divide;
 
@@ -42,6 +42,9 @@ pub struct Cut {
     pub normal: [f32; 3],
     /// Points *p* with normal · *p* = offset are on the plane.
     pub offset: f32,
+    /// The ends of the line on the piece; `None` if it goes through. Other cuts come before it, and
+    /// it goes on to the nearest of them, or to the piece's border.
+    pub ends: Option<[[f32; 3]; 2]>,
 }
 
 /// Whether a mesh can be cut: all of its primitives are triangle lists of plain accessors with
@@ -59,8 +62,8 @@ pub(crate) fn can_cut(document: &Document, mesh: &Item) -> bool {
     (mesh.elements("primitives")).is_ok_and(|all| !all.is_empty() && all.iter().all(plain))
 }
 
-/// Applies the cuts whose meshes exist and [`can_cut`]. A primitive keeps the parts on the first
-/// side of each line; the others become a new primitive after all those of its mesh.
+/// Applies the cuts whose meshes exist and [`can_cut`]. A primitive keeps the parts
+/// of the first colour; the others become new primitives after all those of its mesh.
 pub(crate) fn apply(document: &mut Document, cuts: &[Cut]) -> Outcome<()> {
     let mut of_mesh: BTreeMap<(usize, Option<usize>), Vec<&Cut>> = BTreeMap::new();
     for cut in cuts {
@@ -120,6 +123,7 @@ fn cut_mesh(
             triangle: c.triangle,
             normal: c.normal.map(f64::from).into(),
             offset: f64::from(c.offset),
+            ends: (c.ends).map(|ends| ends.map(|p| p.map(f64::from).into())),
         });
         let lines: Vec<Line> = lines.collect();
         divided.push(Divided::new(
@@ -140,7 +144,7 @@ fn cut_mesh(
             continue;
         }
         let data = extended(raw, divided);
-        let mut parts = (divided.sides().into_iter())
+        let mut parts = (divided.by_colour().into_iter())
             .filter(|part| !part.is_empty())
             .map(|part| primitive(item.value, &data, &part, added));
         own.extend(parts.next());

@@ -326,6 +326,7 @@ fn a_node_that_shares_its_mesh_is_cut_alone() {
         triangle: 0,
         normal: [1.0, 0.0, 0.0],
         offset: 0.25,
+        ends: None,
     };
     let with = |cuts| LoadOptions {
         cuts,

@@ -1,0 +1,510 @@
+//! Chooses where charts are cut: under [thin walls](walls) with different light on their two sides,
+//! and along the [edges of suns' shadows](shadows).
+//!
+//! A lumel that such a line crosses is read by lookups on both sides of it, and whatever it holds is
+//! wrong on one of them.
+
+mod shadows;
+mod walls;
+
+use std::collections::BTreeMap;
+
+use atlas::{LayoutReport, MeshReport, UvOrigin};
+use glam::{DVec3, Vec3};
+use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
+use patch_subdivision::PatchId;
+use radiosity::{Solution, SurfacePoint, World, luminance};
+
+use crate::named::{node_of, some_of};
+use shadows::Edge;
+use walls::{Found, Wall};
+
+/// Relative difference of the light on two sides from which a piece of a line counts.
+const DIFFERENT: f32 = 0.3;
+
+/// Mean relative difference along a line from which charts end there: the brighter side has 1.7
+/// times the light. A lookup beside a wall takes up to half of its light from the shared lumel, so
+/// the line is a third brighter than the floor.
+const NOTICED: f32 = 0.4;
+
+/// Larger meshes are not cut. Their charts take long and would be made twice, and the walls of
+/// scans and of finely carved architecture are no straight lines.
+const MOST_TRIANGLES: usize = 20_000;
+
+/// Nor are larger ones that several nodes share, as each node gets a copy.
+const MOST_COPIED: usize = 1_000;
+
+/// Light below this fraction of the scene's mean is not told from black.
+const BLACK: f32 = 0.02;
+
+/// Lines are the same if they are parallel within this sine …
+const PARALLEL: f32 = 0.03;
+
+/// … and this many lumels apart at most. The two sides of a wall are two lines, unless they are
+/// that close.
+const BESIDE: f32 = 0.05;
+
+/// Shorter lines, in lumels, are not worth a border of charts where the light differs just
+/// [noticeably](NOTICED).
+const SHORT: f32 = 8.0;
+
+/// Nor is a border nearer than this, in lumels, to the end of the surface: the strip beyond it is
+/// where a floor ends outside of a room's walls.
+const STRIP: f32 = 1.5;
+
+/// Shorter edges of shadows, in lumels, are not worth it in any case: at its ends an edge is blurred.
+const SHORTEST: f32 = 4.0;
+
+/// Pieces of a shadow's edge that are this far apart at most, in lumels, are one.
+const GAP: f32 = 1.5;
+
+/// Most walls on a surface, the most visible first: each can double the number of its charts.
+const MOST_WALLS: usize = 16;
+
+/// Most edges of shadows on a surface, likewise. Each divides only the charts that it enters.
+const MOST_SHADOWS: usize = 64;
+
+/// Most lines that are looked for on a surface: the leaves of a bush shall not crowd out a wall.
+const MOST_FOUND: usize = 1024;
+
+/// A straight line on a surface along which its light changes.
+struct Line {
+    /// Unit normal of the line, in the surface's plane, and its distance from the origin along it,
+    /// metres, in recentred world space.
+    normal: Vec3,
+    offset: f32,
+    cause: Cause,
+    /// A triangle of the surface.
+    triangle: u32,
+}
+
+/// What makes the light change.
+enum Cause {
+    /// A thin wall.
+    Wall {
+        /// Length found, metres, and the same weighted by the difference of the light.
+        length: f32,
+        weight: f32,
+        /// What rays from either side found.
+        sides: [Found; 2],
+    },
+    /// The edge of a shadow; the normal points into the shade.
+    Shadow {
+        /// How far behind the line all of its pieces are in the shade, metres.
+        behind: f32,
+        stretches: Stretches,
+    },
+}
+
+/// Pieces of a line: where along it each begins and ends, metres, and the difference of the light.
+#[derive(Default)]
+struct Stretches(Vec<([f32; 2], f32)>);
+
+impl Stretches {
+    /// Those that are at most `gap` apart as one, with the mean difference.
+    fn joined(mut self, gap: f32) -> Vec<([f32; 2], f32)> {
+        self.0.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
+        let mut out: Vec<([f32; 2], f32, u32)> = Vec::new();
+        for (ends, differ) in self.0 {
+            match out.last_mut() {
+                Some((last, sum, n)) if ends[0] <= last[1] + gap => {
+                    last[1] = last[1].max(ends[1]);
+                    (*sum, *n) = (*sum + differ, *n + 1);
+                }
+                _ => out.push((ends, differ, 1)),
+            }
+        }
+        (out.into_iter())
+            .map(|(ends, sum, n)| (ends, sum / n as f32))
+            .collect()
+    }
+}
+
+/// A level with its light, and what the search for lines needs of it.
+struct Level<'l> {
+    world: &'l World<'l>,
+    solution: &'l Solution,
+    /// By instance, the edge of its lumels in metres, unless its charts cannot be cut.
+    lumels: Vec<Option<f32>>,
+    /// By element, the luminance of its light, and whether it is on a back.
+    light: Vec<f32>,
+    back: Vec<bool>,
+    /// Light that is not told from black.
+    black: f32,
+}
+
+impl<'l> Level<'l> {
+    fn new(
+        loaded: &Loaded,
+        world: &'l World<'l>,
+        solution: &'l Solution,
+        report: &LayoutReport,
+    ) -> Self {
+        let cut = &solution.cut;
+        let mut light = vec![0.0f32; cut.elements().len()];
+        let mut back = vec![false; light.len()];
+        for (p, patch) in cut.patches().iter().enumerate() {
+            for e in cut.elements_of(PatchId(p as u32)) {
+                light[e] = luminance(solution.direct[e] + solution.indirect[p]);
+                back[e] = patch.back;
+            }
+        }
+        Level {
+            world,
+            solution,
+            lumels: lumel_sizes(loaded, report),
+            light,
+            back,
+            black: BLACK * luminance(solution.mean_irradiance().as_vec3()),
+        }
+    }
+
+    /// Edge of the lumels of a triangle's surface, metres, unless its charts cannot be cut. On a
+    /// curved surface a line bends, and would be cut on some facets only.
+    fn lumel_of(&self, triangle: u32) -> Option<f32> {
+        let instance = self.world.soup.sources[triangle as usize].instance;
+        self.lumels[instance as usize].filter(|_| !self.world.is_curved(triangle))
+    }
+
+    /// Relative difference of the light of two elements, if it counts.
+    fn difference(&self, pair: [u32; 2]) -> Option<f32> {
+        let [a, b] = pair.map(|e| self.light[e as usize]);
+        let differ = (a - b).abs() / a.max(b).max(self.black);
+        (differ > DIFFERENT).then_some(differ)
+    }
+
+    /// The points of two elements of one side of a surface.
+    fn points(&self, pair: [u32; 2]) -> [SurfacePoint; 2] {
+        let back = self.back[pair[0] as usize];
+        pair.map(|e| {
+            let e = self.solution.cut.elements()[e as usize];
+            self.world.surface_point(e.triangle, e.u, e.v, back, false)
+        })
+    }
+}
+
+/// The lines of a surface, as they are found.
+#[derive(Default)]
+struct Lines(Vec<Line>);
+
+impl Lines {
+    /// Adds a piece of a wall to the lines of its two faces.
+    fn enter_wall(&mut self, wall: &Wall, piece: f32) {
+        for at in wall.faces() {
+            let new = || Line {
+                normal: wall.normal,
+                offset: wall.normal.dot(at),
+                cause: Cause::Wall {
+                    length: 0.0,
+                    weight: 0.0,
+                    sides: Default::default(),
+                },
+                triangle: wall.triangle,
+            };
+            let same = |l: &Line| l.is_along(wall.normal, at, wall.lumel);
+            if let Some(line) = self.find_or_add(same, new)
+                && let Cause::Wall {
+                    length,
+                    weight,
+                    sides,
+                } = &mut line.cause
+            {
+                *length += piece;
+                *weight += piece * wall.differ;
+                sides[0].add(&wall.sides[0]);
+                sides[1].add(&wall.sides[1]);
+            }
+        }
+    }
+
+    /// Adds a piece of a shadow's edge. Charts end where all of the shade is on one side of the
+    /// line: a hundredth of the sun would double the light in the shade.
+    fn enter_shadow(&mut self, edge: &Edge, length: f32) {
+        let new = || Line {
+            normal: edge.normal,
+            offset: edge.normal.dot(edge.at),
+            cause: Cause::Shadow {
+                behind: 0.0,
+                stretches: Stretches::default(),
+            },
+            triangle: edge.triangle,
+        };
+        let same = |l: &Line| {
+            l.is_along(edge.normal, edge.at, edge.lumel)
+                && !(matches!(l.cause, Cause::Shadow { .. }) && l.normal.dot(edge.normal) < 0.0)
+        };
+        // Along a wall, the wall decides.
+        if let Some(line) = self.find_or_add(same, new)
+            && let Cause::Shadow { behind, stretches } = &mut line.cause
+        {
+            *behind = behind.max(line.normal.dot(edge.at) - line.offset);
+            let at = line.normal.cross(edge.up).dot(edge.at);
+            let ends = [at - 0.5 * length, at + 0.5 * length];
+            stretches.0.push((ends, edge.differ));
+        }
+    }
+
+    /// The first line that is the `same`, or a new one if there is room.
+    fn find_or_add(
+        &mut self,
+        same: impl Fn(&Line) -> bool,
+        new: impl FnOnce() -> Line,
+    ) -> Option<&mut Line> {
+        let k = match self.0.iter().position(same) {
+            Some(k) => k,
+            None if self.0.len() == MOST_FOUND => return None,
+            None => {
+                self.0.push(new());
+                self.0.len() - 1
+            }
+        };
+        Some(&mut self.0[k])
+    }
+}
+
+impl Line {
+    /// Whether a line with this normal through this point is the same.
+    fn is_along(&self, normal: Vec3, at: Vec3, lumel: f32) -> bool {
+        self.normal.dot(normal).abs() > 1.0 - 0.5 * PARALLEL * PARALLEL
+            && (self.normal.dot(at) - self.offset).abs() < BESIDE * lumel
+    }
+
+    /// The lines where charts should end, on a surface with these lumels and points, with how
+    /// visible they are.
+    fn chosen(self, lumel: f32, world: &World, points: &[Vec3]) -> Vec<(f32, Chosen)> {
+        let far = |side: f32| {
+            let beyond = points
+                .iter()
+                .map(|p| side * (self.normal.dot(*p) - self.offset));
+            beyond.fold(0.0, f32::max)
+        };
+        if far(1.0).min(far(-1.0)) <= STRIP * lumel {
+            return Vec::new();
+        }
+        let chosen = |offset, ends| Chosen {
+            normal: self.normal,
+            offset,
+            ends,
+            triangle: self.triangle,
+        };
+        match self.cause {
+            Cause::Wall {
+                length,
+                weight,
+                sides,
+            } => {
+                let worth = is_worth_it(length, weight / length, lumel);
+                let seen = sides.iter().all(Found::is_seen);
+                let line = (worth && seen).then(|| (weight, chosen(self.offset, None)));
+                line.into_iter().collect()
+            }
+            Cause::Shadow { behind, stretches } => (stretches.joined(GAP * lumel).into_iter())
+                .filter(|([from, to], _)| to - from >= SHORTEST * lumel)
+                .filter(|([from, to], differ)| is_worth_it(to - from, *differ, lumel))
+                .map(|(ends, differ)| {
+                    let up = world.soup.normals[self.triangle as usize];
+                    let on = world.soup.triangles[self.triangle as usize][0];
+                    let offset = self.offset + behind;
+                    let foot = self.normal * offset + up * up.dot(on);
+                    let at = |x: f32| foot + self.normal.cross(up) * x;
+                    let line = chosen(offset, Some(ends.map(at)));
+                    ((ends[1] - ends[0]) * differ, line)
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A line along which charts end.
+struct Chosen {
+    normal: Vec3,
+    offset: f32,
+    /// Its ends; `None` if it goes through.
+    ends: Option<[Vec3; 2]>,
+    triangle: u32,
+}
+
+/// Whether a line is noticed. Where the light differs more, shorter lines are.
+fn is_worth_it(length: f32, differ: f32, lumel: f32) -> bool {
+    let stark = differ / NOTICED;
+    stark >= 1.0 && length * stark * stark >= SHORT * lumel
+}
+
+/// The cuts, surface by surface.
+pub(crate) fn wanted(
+    loaded: &Loaded,
+    world: &World,
+    solution: &Solution,
+    report: &LayoutReport,
+) -> Vec<Cut> {
+    let level = Level::new(loaded, world, solution, report);
+    let cut = &solution.cut;
+    let mut lines: BTreeMap<usize, Lines> = BTreeMap::new();
+    for wall in walls::find(&level) {
+        if let Some(region) = cut.region_of(wall.triangle) {
+            let length = 0.25 * cut.patch_edge(wall.triangle);
+            lines.entry(region).or_default().enter_wall(&wall, length);
+        }
+    }
+    for edge in shadows::find(&level) {
+        if let Some(region) = cut.region_of(edge.triangle) {
+            // A slanted line parts up to 1.4 pairs for each element along it.
+            let length = 0.2 * cut.patch_edge(edge.triangle);
+            lines.entry(region).or_default().enter_shadow(&edge, length);
+        }
+    }
+    let points = visible_points(solution, world, &lines);
+    let uses = uses(&loaded.scene);
+    let copies = copies(world, &level.lumels);
+    let mut cuts = Vec::new();
+    for (region, Lines(found)) in lines {
+        let (mut walls, mut shadows) = (Vec::new(), Vec::new());
+        for line in found {
+            let to = match line.cause {
+                Cause::Wall { .. } => &mut walls,
+                Cause::Shadow { .. } => &mut shadows,
+            };
+            if let Some(lumel) = level.lumel_of(line.triangle) {
+                to.extend(line.chosen(lumel, world, &points[&region]));
+            }
+        }
+        for (lines, most) in [(&mut walls, MOST_WALLS), (&mut shadows, MOST_SHADOWS)] {
+            // Stable, so of equal lines the first found stays first.
+            lines.sort_by(|a, b| b.0.total_cmp(&a.0));
+            lines.truncate(most);
+        }
+        for (_, line) in walls.iter().chain(&shadows) {
+            // What coincides is cut alike, or it would coincide no more.
+            let own = world.soup.sources[line.triangle as usize];
+            let copies = copies.get(&line.triangle).into_iter().flatten();
+            let sources = std::iter::once(own).chain(copies.copied());
+            cuts.extend(sources.map(|source| in_mesh(&loaded.scene, &uses, line, source)));
+        }
+    }
+    cuts
+}
+
+/// By triangle, those that coincide with it, of meshes that can be cut.
+fn copies(world: &World, lumels: &[Option<f32>]) -> BTreeMap<u32, Vec<TriangleSource>> {
+    let mut copies: BTreeMap<u32, Vec<TriangleSource>> = BTreeMap::new();
+    for d in &world.soup.duplicates {
+        if lumels[d.source.instance as usize].is_some() {
+            copies.entry(d.kept).or_default().push(d.source);
+        }
+    }
+    copies
+}
+
+/// Points of the visible elements of each region that has lines.
+fn visible_points(
+    solution: &Solution,
+    world: &World,
+    lines: &BTreeMap<usize, Lines>,
+) -> BTreeMap<usize, Vec<Vec3>> {
+    let cut = &solution.cut;
+    let mut points: BTreeMap<usize, Vec<Vec3>> =
+        lines.keys().map(|&region| (region, Vec::new())).collect();
+    for (p, patch) in cut.patches().iter().enumerate() {
+        for e in cut.elements_of(PatchId(p as u32)) {
+            let element = cut.elements()[e];
+            let of_region = (cut.region_of(element.triangle)).and_then(|r| points.get_mut(&r));
+            if let Some(of_region) = of_region.filter(|_| !patch.hidden) {
+                let [a, b, c] = world.soup.triangles[element.triangle as usize];
+                of_region.push(a + (b - a) * element.u + (c - a) * element.v);
+            }
+        }
+    }
+    points
+}
+
+/// By mesh of the document, its number of instances.
+fn uses(scene: &Scene) -> BTreeMap<usize, usize> {
+    let mut uses = BTreeMap::new();
+    for instance in &scene.instances {
+        let mesh = scene.meshes[instance.mesh].gltf_mesh;
+        *uses.entry(mesh).or_default() += 1;
+    }
+    uses
+}
+
+/// By instance, the edge of its lumels in metres; `None` for those whose charts cannot be cut. A
+/// node that shares its mesh gets a copy of it, unless it is large or the node itself has copies.
+fn lumel_sizes(loaded: &Loaded, report: &LayoutReport) -> Vec<Option<f32>> {
+    let scene = &loaded.scene;
+    let uses = uses(scene);
+    let reports: BTreeMap<usize, &MeshReport> =
+        report.meshes.iter().map(|m| (m.gltf_mesh, m)).collect();
+    (scene.instances.iter())
+        .map(|instance| {
+            let mesh = scene.meshes[instance.mesh].gltf_mesh;
+            let made = reports.get(&mesh)?;
+            let primitives = &scene.meshes[instance.mesh].primitives;
+            let triangles = primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
+            let most = match uses[&mesh] {
+                1 => MOST_TRIANGLES,
+                _ if instance.copy.is_some() => 0,
+                _ => MOST_COPIED,
+            };
+            let may = mesh != Mesh::NOT_IN_DOCUMENT
+                && triangles <= most
+                && made.origin != UvOrigin::Kept
+                && loaded.document.can_cut(mesh);
+            (may && made.density[1] > 0.0).then(|| (1.0 / made.density[1]) as f32)
+        })
+        .collect()
+}
+
+/// A line as a cut of the mesh of one of its triangles.
+fn in_mesh(
+    scene: &Scene,
+    uses: &BTreeMap<usize, usize>,
+    line: &Chosen,
+    source: TriangleSource,
+) -> Cut {
+    let instance = &scene.instances[source.instance as usize];
+    let mesh = &scene.meshes[instance.mesh];
+    let primitive = &mesh.primitives[source.primitive as usize];
+    // n · (M p + t − origin) = d, so (Mᵀ n) · p = d − n · (t − origin).
+    let to_world = instance.transform;
+    let world_normal = line.normal.as_dvec3();
+    let normal: DVec3 = to_world.matrix3.transpose() * world_normal;
+    let offset = f64::from(line.offset) - world_normal.dot(to_world.translation - scene.origin);
+    let length = normal.length().max(f64::MIN_POSITIVE);
+    let from_world = to_world.inverse();
+    let ends = (line.ends).map(|ends| {
+        ends.map(|p| {
+            from_world
+                .transform_point3(p.as_dvec3() + scene.origin)
+                .as_vec3()
+                .to_array()
+        })
+    });
+    Cut {
+        mesh: mesh.gltf_mesh,
+        node: (uses[&mesh.gltf_mesh] > 1).then_some(instance.node),
+        primitive: primitive.gltf_primitive,
+        triangle: primitive.source_triangles[source.triangle as usize],
+        normal: (normal / length).as_vec3().to_array(),
+        offset: (offset / length) as f32,
+        ends,
+    }
+}
+
+/// Names the nodes whose charts were cut.
+pub(crate) fn note(scene: &Scene, cuts: &[Cut]) -> Option<String> {
+    let cut = |&i: &usize| {
+        let instance = &scene.instances[i];
+        let mesh = scene.meshes[instance.mesh].gltf_mesh;
+        cuts.iter().any(|cut| match cut.node {
+            Some(node) => node == instance.node,
+            None => cut.mesh == mesh,
+        })
+    };
+    (!cuts.is_empty()).then(|| {
+        format!(
+            "charts end along {} lines, under thin walls and at the edges of suns' shadows, with new vertices there: {} (--no-cut-charts keeps the meshes)",
+            cuts.len(),
+            some_of((0..scene.instances.len()).filter(cut).map(|i| node_of(scene, i)))
+        )
+    })
+}

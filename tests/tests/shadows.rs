@@ -1,0 +1,97 @@
+//! Edges of suns' shadows: sharp on flat surfaces, at any density.
+
+use glam::{DVec2, Quat, Vec3};
+use lumel::{Bake, Quality, Settings};
+use lumel_tests::geometry::{cuboid, grid};
+use lumel_tests::gltf::{GltfBuilder, Light, Material, Node, look_along};
+
+use crate::common::{at, bake, lumels_of};
+
+const LUX: f32 = 3.0;
+
+/// Above a ground of 8 × 8 m hangs a board of 3 × 2 m, turned by 25°, under a sun of this angular
+/// diameter in degrees. Nothing reflects, so the shade is black.
+fn board(angle: f32) -> Vec<u8> {
+    let mut b = GltfBuilder::new();
+    let black = b.material(&Material::diffuse("black", [0.0; 3]));
+    let ground = grid(
+        Vec3::new(-4.0, 0.0, -4.0),
+        Vec3::Z * 8.0,
+        Vec3::X * 8.0,
+        [1, 1],
+    );
+    let mesh = b.mesh("ground", &[(&ground, black)]);
+    b.node(Node::of_mesh("ground", mesh));
+    let board = cuboid(Vec3::new(-1.5, 1.0, -1.0), Vec3::new(1.5, 1.05, 1.0), 1);
+    let mesh = b.mesh("board", &[(&board, black)]);
+    b.node(Node {
+        rotation: Quat::from_rotation_y(25f32.to_radians()),
+        ..Node::of_mesh("board", mesh)
+    });
+    let sun = b.light("sun", Light::Directional([LUX; 3]));
+    b.light_json(sun)["extras"] = serde_json::json!({ "lumel": { "angle": angle } });
+    b.node(Node {
+        light: Some(sun),
+        rotation: look_along(Vec3::new(0.4, -1.0, 0.3), Vec3::Y),
+        ..Node::default()
+    });
+    b.finish()
+}
+
+fn settings(cut_charts: bool) -> Settings {
+    Settings {
+        quality: Quality::Draft,
+        cut_charts,
+        ..at(5.0)
+    }
+}
+
+/// The share of the ground's lumels that are neither lit nor shaded, but for 1 %.
+fn mixed(bake: &Bake) -> f64 {
+    let lumels = lumels_of(bake, "ground");
+    let lit = lumels.iter().map(|l| l.red()).fold(0.0, f64::max);
+    let between = lumels
+        .iter()
+        .filter(|l| (0.01..0.99).contains(&(l.red() / lit)));
+    between.count() as f64 / lumels.len() as f64
+}
+
+#[test]
+fn no_lumel_is_half_in_the_sun() {
+    let glb = board(0.0);
+    let [whole, cut] = [false, true].map(|cut| bake(&glb, &settings(cut)));
+    // Stitching is on; the lines go on to the border or to each other, where light does not jump.
+    assert!(mixed(&whole) > 0.01, "{}", mixed(&whole));
+    assert!(mixed(&cut) < 0.002, "{}", mixed(&cut));
+    // The shadow is where it was.
+    let shade = |bake: &Bake| -> DVec2 {
+        let lumels = lumels_of(bake, "ground");
+        let dark = |l: &f64| 1.0 - l / (LUX as f64);
+        let weights = lumels
+            .iter()
+            .map(|l| (dark(&l.red()) * l.points.len() as f64, l.middle()));
+        let (sum, at) = weights.fold((0.0, DVec2::ZERO), |(sum, at), (w, p)| {
+            (sum + w, at + DVec2::new(p.x, p.z) * w)
+        });
+        at / sum
+    };
+    assert!(
+        (shade(&whole) - shade(&cut)).length() < 0.05,
+        "{} {}",
+        shade(&whole),
+        shade(&cut)
+    );
+}
+
+#[test]
+fn soft_shadows_cut_no_charts() {
+    // At a distance of 1 m, 20° are a penumbra of 35 cm, nearly two lumels.
+    let [sharp, soft] = [0.5, 20.0].map(|angle| {
+        let bake = bake(&board(angle), &settings(true));
+        (bake.loaded.scene.meshes.iter())
+            .map(|m| m.primitives.len())
+            .sum::<usize>()
+    });
+    assert_eq!(soft, 2, "the ground and the board");
+    assert!(sharp > soft, "{sharp}");
+}
