@@ -206,16 +206,36 @@ fn a_wall_on_the_joint_keeps_the_dark_side_dark() {
     assert_eq!(stitched.baked.pages[0].value, not.baked.pages[0].value);
 }
 
-#[test]
-fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
-    // A plate over the left floor, the sun straight above: E is 0 left of the seam and 1 right of
-    // it.
+/// A plate over the left one of two tiles, and light from straight above: E is 0 left of the seam
+/// and 1 right of it.
+fn shadow_on_a_seam(light: (Light, Vec3)) -> Vec<u8> {
     let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
     let right = floor([[0.0, -1.0], [0.0, 1.0], [2.0, 1.0], [2.0, -1.0]]);
     let mut plate = floor([[-3.0, -3.0], [-3.0, 3.0], [0.0, 3.0], [0.0, -3.0]]);
     plate.positions.iter_mut().for_each(|p| p.y = 1.0);
     let parts = [("left", &left), ("right", &right), ("plate", &plate)];
-    let glb = lit(&parts, 0.0, &[(Light::Directional([1.0; 3]), Vec3::Y)]);
+    lit(&parts, 0.0, &[light])
+}
+
+#[test]
+fn a_suns_shadow_that_ends_on_a_seam_is_sharp() {
+    let glb = shadow_on_a_seam((Light::Directional([1.0; 3]), Vec3::Y));
+    for density in [8.0, 7.3] {
+        let stitched = bake(&glb, &at(density));
+        assert_eq!(stitched.report.gather.seams.samples, 0);
+        for (name, exact) in [("left", 0.0), ("right", 1.0)] {
+            for lumel in lumels_of(&stitched, name) {
+                let red = lumel.red();
+                assert!((red - exact).abs() < 1e-3, "{density} {name}: {red}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lamps_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
+    let far = (Light::Point([1e4; 3]), Vec3::Y * 100.0);
+    let glb = shadow_on_a_seam(far);
     // Whole lumels up to the seam, and some that it cuts.
     for density in [8.0, 7.3] {
         let settings = Settings {

@@ -83,6 +83,22 @@ fn no_lumel_is_half_in_the_sun() {
     );
 }
 
+/// Vertices on the outline have a value for each side of it.
+#[test]
+fn vertices_are_in_the_sun_or_not() {
+    let bake = bake(&board(0.0), &settings(true));
+    let ground = (bake.loaded.scene.instances.iter())
+        .position(|i| i.name == "ground")
+        .expect("the ground");
+    let light = &bake.baked.vertices.instances[ground];
+    let red: Vec<f32> = light.iter().flatten().map(|e| e[0]).collect();
+    let lit = red.iter().copied().fold(0.0, f32::max);
+    let dark = red.iter().filter(|e| **e < 0.01 * lit).count();
+    let bright = red.iter().filter(|e| **e > 0.99 * lit).count();
+    assert!(dark >= 4 && bright >= 8, "{red:?}");
+    assert_eq!(dark + bright, red.len(), "{red:?}");
+}
+
 #[test]
 fn soft_shadows_cut_no_charts() {
     // At a distance of 1 m, 20° are a penumbra of 35 cm, nearly two lumels.

@@ -3,7 +3,8 @@
 //! A vertex's colour matters only through interpolation. If the lightmap has enough lumels on a
 //! triangle, values are fitted to them ([`fit`]). Smaller triangles are gathered, as means over the
 //! surface around each point. Vertices at the same position and in the same smoothing group share
-//! one value, whatever seams of texture coordinates or materials separate them ([`sheet`]).
+//! one value, whatever seams of texture coordinates or materials separate them ([`sheet`]), unless
+//! charts end there at the edge of a shadow.
 
 mod cluster;
 mod difference;
@@ -20,7 +21,7 @@ use std::cell::Cell;
 
 use glam::Vec3;
 use mesh_ingest::Scene;
-use radiosity::{Cancelled, Monitor, World, hash_u32, luminance};
+use radiosity::{Cancelled, Monitor, Suns, World, hash_u32, luminance};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -145,12 +146,13 @@ impl VertexBake<'_, '_, '_> {
     ) -> Result<(), Cancelled> {
         let scene = self.world.scene;
         let index = &self.map.index;
+        let suns = Suns::new(self.world);
         let mut sheets: Vec<Sheet> = (0..scene.instances.len())
             .into_par_iter()
             .filter(|&i| scene.has_lightmap(i) && self.map.has(i))
             .map(|i| {
-                let (soup, layout) = (self.world.soup, self.layout);
-                let mut sheet = Sheet::build(scene, soup, layout, &self.map.lumels, i);
+                let parts = (self.world, &suns);
+                let mut sheet = Sheet::build(parts, self.layout, &self.map.lumels, i);
                 self.measure(&mut sheet, index);
                 sheet
             })

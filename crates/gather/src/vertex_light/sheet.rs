@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use atlas::{Layout, Lumels, faces_of};
 use glam::{DVec2, Vec3};
-use mesh_ingest::{Primitive, Scene, Soup};
+use mesh_ingest::{Primitive, Soup};
+use radiosity::{Suns, World};
 
 use super::moments::{Moments, texels};
 use crate::vertex_footprint::Spoke;
@@ -12,6 +13,13 @@ use crate::vertex_footprint::Spoke;
 /// Least cosine between normals in one smoothing group: 5°. Exporters round normals to a degree at
 /// worst (8 bits), and visible hard edges are above ten.
 const SAME_NORMAL: f32 = 0.9962;
+
+/// Where a sun's light is compared on two sides of a vertex: at this part of the way to the middle of
+/// their triangles …
+const BESIDE: f32 = 0.1;
+
+/// … if the penumbra is at most this part of it wide.
+const SOFT: f32 = 0.2;
 
 /// A vertex of a primitive.
 #[derive(Debug, Clone, Copy)]
@@ -68,12 +76,12 @@ pub(super) struct Sheet {
 impl Sheet {
     /// The triangles of an instance, unsplit, without moments.
     pub fn build(
-        scene: &Scene,
-        soup: &Soup,
+        (world, suns): (&World, &Suns),
         layout: &Layout,
         lumels: &Lumels,
         instance: usize,
     ) -> Sheet {
+        let (scene, soup) = (world.scene, world.soup);
         let placed = &scene.instances[instance];
         let primitives = &scene.meshes[placed.mesh].primitives;
         let rect = layout.placements[instance].rect;
@@ -133,37 +141,81 @@ impl Sheet {
                 moments: Moments::default(),
             });
         }
-        sheet.find_points(primitives);
+        sheet.find_points(primitives, (world, suns));
         sheet
     }
 
-    /// Gives vertices at the same position and in the same smoothing group the same point.
-    fn find_points(&mut self, primitives: &[Primitive]) {
+    /// Gives vertices at the same position and in the same smoothing group the same point, unless
+    /// the edge of a shadow ends there at which charts were cut.
+    fn find_points(&mut self, primitives: &[Primitive], (world, suns): (&World, &Suns)) {
         let normals = self.normals(primitives);
+        let inward = match suns.is_empty() {
+            true => Vec::new(),
+            false => self.inward(world.soup),
+        };
+        let parted = |a: u32, b: u32| {
+            let [v, w] = [a, b].map(|v| self.vertices[v as usize]);
+            !suns.is_empty() && v.primitive != w.primitive && {
+                let sides = [a, b].map(|v| inward[v as usize]);
+                let place = self.places[v.place as usize];
+                is_shadow_edge((world, suns), place, sides)
+            }
+        };
         let mut order: Vec<(u32, u32)> = (self.vertices.iter().zip(0u32..))
             .map(|(v, i)| (v.place, i))
             .collect();
         order.sort_unstable();
+        let mut points = 0u32;
+        let mut point_of = vec![u32::MAX; self.vertices.len()];
         for at_place in order.chunk_by(|a, b| a.0 == b.0) {
             // Normals are compared with the first vertex of each group, so that no chain of small
             // steps joins different normals. A sphere has room for about two thousand groups, so
             // this is not quadratic, however many vertices share a position.
-            let mut groups: Vec<(Vec3, u32)> = Vec::new();
+            let mut groups: Vec<(u32, u32)> = Vec::new();
             for &(_, v) in at_place {
-                let normal = normals[v as usize];
-                let found = groups.iter().find(|(n, _)| n.dot(normal) >= SAME_NORMAL);
+                let normal = |v: u32| normals[v as usize];
+                let found = (groups.iter()).find(|(first, _)| {
+                    normal(*first).dot(normal(v)) >= SAME_NORMAL && !parted(*first, v)
+                });
                 let point = match found {
                     Some((_, point)) => *point,
                     None => {
-                        let point = self.points as u32;
-                        self.points += 1;
-                        groups.push((normal, point));
+                        let point = points;
+                        points += 1;
+                        groups.push((v, point));
                         point
                     }
                 };
-                self.vertices[v as usize].point = point;
+                point_of[v as usize] = point;
             }
         }
+        self.points = points as usize;
+        for (vertex, point) in self.vertices.iter_mut().zip(point_of) {
+            vertex.point = point;
+        }
+    }
+
+    /// By vertex, the mean normal of its triangles, and the way from it to the middle of them.
+    fn inward(&self, soup: &Soup) -> Vec<[Vec3; 2]> {
+        let mut sums = vec![([Vec3::ZERO; 2], 0u32); self.vertices.len()];
+        for tri in &self.tris {
+            let (triangle, _, back) = corners_of(soup, tri.face);
+            let normal = soup.normals[triangle as usize] * if back { -1.0 } else { 1.0 };
+            let places = tri.corners.map(|c| {
+                let place = self.vertices[c as usize].place;
+                self.places[place as usize]
+            });
+            let middle = places.iter().sum::<Vec3>() / 3.0;
+            for (c, place) in tri.corners.into_iter().zip(places) {
+                let ([up, way], n) = &mut sums[c as usize];
+                *up += normal;
+                *way += middle - place;
+                *n += 1;
+            }
+        }
+        (sums.into_iter())
+            .map(|([up, way], n)| [up.normalize_or_zero(), way / n.max(1) as f32])
+            .collect()
     }
 
     /// Unit normals of the vertices in local space: their own, or the mean of their faces'.
@@ -220,6 +272,16 @@ impl Sheet {
         }
         around
     }
+}
+
+/// Whether a sun shines on one side of a vertex only. Of either side, its normal and the way to its
+/// middle.
+fn is_shadow_edge((world, suns): (&World, &Suns), at: Vec3, sides: [[Vec3; 2]; 2]) -> bool {
+    let normal = sides[0][0];
+    let reach = sides[0][1].length().min(sides[1][1].length());
+    let on = at + normal * world.offset(at);
+    let across = sides.map(|side| side[1].normalize_or_zero());
+    suns.part(world, on, (across, normal), BESIDE * reach, SOFT * reach)
 }
 
 /// For a face: its triangle in the soup, the world corner of each of the primitive triangle's
