@@ -52,62 +52,90 @@ impl Regions {
     }
 }
 
-/// Groups triangles into regions. `two_sided` says of each triangle whether both sides reflect or
-/// emit (a region has only one kind); `size` is the nominal patch size in metres.
+/// What regions are made of: how triangles are connected, and their order by area.
+pub(crate) struct Connected {
+    adjacency: Adjacency,
+    /// Large faces first: walls and floors become whole regions, and details group around the rest.
+    order: Vec<u32>,
+}
+
+impl Connected {
+    /// `two_sided` says of each triangle whether both sides reflect or emit: a region has only one
+    /// kind.
+    pub(crate) fn new(soup: &Soup, two_sided: impl Fn(usize) -> bool + Sync) -> Self {
+        let adjacency = Adjacency::build(soup.seen_triangles(), |t| {
+            2 * soup.sources[t].instance + two_sided(t) as u32
+        });
+        let mut order: Vec<u32> = (0..soup.seen() as u32).collect();
+        order.sort_by(|&a, &b| {
+            soup.areas[b as usize]
+                .total_cmp(&soup.areas[a as usize])
+                .then(a.cmp(&b))
+        });
+        Connected { adjacency, order }
+    }
+
+    /// Areas of the flat pieces of surface, without details that patches of some size cluster.
+    pub(crate) fn flat_areas(&self, soup: &Soup, options: &RegionOptions) -> Vec<f64> {
+        let (of_triangle, regions) = self.flood(soup, 0.0, options);
+        let mut areas = vec![0.0; regions as usize];
+        for (region, area) in of_triangle.into_iter().zip(&soup.areas) {
+            areas[region as usize] += f64::from(*area);
+        }
+        areas
+    }
+
+    /// The region of each triangle, and their number.
+    fn flood(&self, soup: &Soup, size: f32, options: &RegionOptions) -> (Vec<u32>, u32) {
+        let centroid =
+            |t: usize| (soup.triangles[t][0] + soup.triangles[t][1] + soup.triangles[t][2]) / 3.0;
+        let (cos_flat, cos_cluster) = (
+            libm::cosf(options.flat_angle),
+            libm::cosf(options.cluster_angle),
+        );
+        let mut of_triangle = vec![u32::MAX; self.order.len()];
+        let mut regions = 0u32;
+        let mut stack = Vec::new();
+        for &seed in &self.order {
+            if of_triangle[seed as usize] != u32::MAX {
+                continue;
+            }
+            let (normal, centre) = (soup.normals[seed as usize], centroid(seed as usize));
+            of_triangle[seed as usize] = regions;
+            stack.push(seed);
+            while let Some(t) = stack.pop() {
+                for &m in self.adjacency.of(t) {
+                    let m = m as usize;
+                    if of_triangle[m] != u32::MAX {
+                        continue;
+                    }
+                    let cos = normal.dot(soup.normals[m]);
+                    let near = || {
+                        soup.triangles[m]
+                            .iter()
+                            .all(|p| p.distance_squared(centre) < 0.25 * size * size)
+                    };
+                    if cos > cos_flat || (cos > cos_cluster && near()) {
+                        of_triangle[m] = regions;
+                        stack.push(m as u32);
+                    }
+                }
+            }
+            regions += 1;
+        }
+        (of_triangle, regions)
+    }
+}
+
+/// Groups triangles into regions; `size` is the nominal patch size in metres.
 pub(crate) fn gather_regions(
     soup: &Soup,
+    connected: &Connected,
     two_sided: impl Fn(usize) -> bool + Sync,
     size: f32,
     options: &RegionOptions,
 ) -> Regions {
-    let n = soup.seen();
-    let adjacency = Adjacency::build(soup.seen_triangles(), |t| {
-        2 * soup.sources[t].instance + two_sided(t) as u32
-    });
-    let centroid =
-        |t: usize| (soup.triangles[t][0] + soup.triangles[t][1] + soup.triangles[t][2]) / 3.0;
-
-    // Large faces first: walls and floors become whole regions, and details group around the rest.
-    let mut order: Vec<u32> = (0..n as u32).collect();
-    order.sort_by(|&a, &b| {
-        soup.areas[b as usize]
-            .total_cmp(&soup.areas[a as usize])
-            .then(a.cmp(&b))
-    });
-    let (cos_flat, cos_cluster) = (
-        libm::cosf(options.flat_angle),
-        libm::cosf(options.cluster_angle),
-    );
-    let mut of_triangle = vec![u32::MAX; n];
-    let mut regions = 0u32;
-    let mut stack = Vec::new();
-    for &seed in &order {
-        if of_triangle[seed as usize] != u32::MAX {
-            continue;
-        }
-        let (normal, centre) = (soup.normals[seed as usize], centroid(seed as usize));
-        of_triangle[seed as usize] = regions;
-        stack.push(seed);
-        while let Some(t) = stack.pop() {
-            for &m in adjacency.of(t) {
-                let m = m as usize;
-                if of_triangle[m] != u32::MAX {
-                    continue;
-                }
-                let cos = normal.dot(soup.normals[m]);
-                let near = || {
-                    soup.triangles[m]
-                        .iter()
-                        .all(|p| p.distance_squared(centre) < 0.25 * size * size)
-                };
-                if cos > cos_flat || (cos > cos_cluster && near()) {
-                    of_triangle[m] = regions;
-                    stack.push(m as u32);
-                }
-            }
-        }
-        regions += 1;
-    }
+    let (mut of_triangle, regions) = connected.flood(soup, size, options);
     merge_small(soup, &two_sided, size, &mut of_triangle, regions)
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::grid::{
     Fragment, Frame, choose_frame, clip_to_fine, fine_corners, frame_of_cluster, rasterise,
 };
-use crate::region::{RegionOptions, Regions, gather_regions};
+use crate::region::{Connected, RegionOptions, Regions, gather_regions};
 use crate::walls::Walls;
 
 /// Index of a patch.
@@ -188,8 +188,9 @@ impl Subdivision {
     ///
     /// Deterministic for any number of threads; O(n log n) in triangles plus O(elements).
     pub fn build(soup: &Soup, two_sided: impl Fn(usize) -> bool + Sync, options: &Options) -> Self {
-        let size = nominal_size(soup, options);
-        let regions = gather_regions(soup, &two_sided, size, &options.regions);
+        let connected = Connected::new(soup, &two_sided);
+        let size = nominal_size(connected.flat_areas(soup, &options.regions), options);
+        let regions = gather_regions(soup, &connected, &two_sided, size, &options.regions);
         let cap = options.region_share * options.patches as f32;
         let pieces: Vec<Piece> = (0..regions.len())
             .into_par_iter()
@@ -506,18 +507,13 @@ impl Subdivision {
     }
 }
 
-/// Patch edge length for which about `options.patches` patches cover the scene, with each triangle
-/// limited to its allowed fraction.
-fn nominal_size(soup: &Soup, options: &Options) -> f32 {
-    let mut areas: Vec<f64> = soup.areas[..soup.seen()]
-        .iter()
-        .map(|&a| a as f64)
-        .collect();
+/// Patch edge length for which about `options.patches` patches cover the scene, with each flat piece
+/// of surface limited to its allowed fraction.
+fn nominal_size(mut areas: Vec<f64>, options: &Options) -> f32 {
     areas.sort_unstable_by(f64::total_cmp);
     let mut total: f64 = areas.iter().sum();
-    // Excludes triangles from the largest on, while they exceed their fraction of the remaining
-    // total.
-    let share = options.region_share as f64 / 2.0; // A rectangle usually consists of two triangles.
+    // Excludes pieces from the largest on, while they exceed their fraction of the remaining total.
+    let share = f64::from(options.region_share);
     let mut capped = 0usize;
     let mut rest = total;
     for &a in areas.iter().rev() {

@@ -210,19 +210,22 @@ fn sample(
         let x = (i as f32 + 0.5) / n;
         [0, 1].map(|k| s.ends[0][k] + (s.ends[1][k] - s.ends[0][k]) * x)
     };
-    // Charts end at the edges of shadows on flat surfaces only.
-    let curved = pieces.iter().any(|p| world.is_curved(p.triangle));
-    let parted: Vec<u32> = match curved || suns.is_empty() {
-        true => Vec::new(),
-        false => (0..n as u32)
-            .filter(|&i| is_shadow_edge((world, suns), pieces, params(i)))
-            .collect(),
+    let parted = match flat(world, pieces) && !suns.is_empty() {
+        true => {
+            // Two samples a texel are enough, as those around them are left out too.
+            let step = (PARTED * n / s.texels).max(1.0) as u32;
+            let samples = (0..n as u32).step_by(step as usize);
+            samples
+                .filter(|&i| is_shadow_edge((world, suns), pieces, params(i)))
+                .collect()
+        }
+        false => Vec::new(),
     };
     // Lookups a texel away read the same lumels.
     let reach = (n / s.texels).ceil() as u32;
     let is_free = |i: u32| {
         let k = parted.partition_point(|&p| p + reach < i);
-        parted.get(k).is_none_or(|&p| p > i + reach)
+        parted.get(k).is_none_or(|&p: &u32| p > i + reach)
     };
     for i in 0..n as u32 {
         let params = params(i);
@@ -274,8 +277,20 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     free.max_element() > 0.0
 }
 
-/// Distance from the seam, texels, at which a sun's light is compared.
+/// Whether two pieces are in one flat surface. Charts end at the edges of shadows only there.
+fn flat(world: &World, pieces: [&Piece; 2]) -> bool {
+    let [n, m] = pieces.map(|p| world.soup.normals[p.triangle as usize]);
+    n.dot(m) > FLAT && pieces.iter().all(|p| !world.is_curved(p.triangle))
+}
+
+/// Cosine of 1°, as for the pieces that cuts divide.
+const FLAT: f32 = 0.999_85;
+
+/// Distance from the seam, texels, at which a sun's light is compared …
 const AT_THE_EDGE: f32 = 0.1;
+
+/// … and of such places along it.
+const PARTED: f32 = 0.5;
 
 /// Whether a sun shines on one side of the seam only.
 fn is_shadow_edge((world, suns): (&World, &Suns), pieces: [&Piece; 2], params: [f32; 2]) -> bool {

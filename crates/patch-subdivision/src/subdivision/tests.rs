@@ -190,6 +190,23 @@ fn one_huge_plane_does_not_set_the_size_for_the_rest() {
     assert!(d.patches().len() < 20_000, "{}", d.patches().len());
 }
 
+/// However many triangles the plane is made of: charts are cut, and grounds are tessellated.
+#[test]
+fn a_plane_of_many_triangles_counts_as_one() {
+    let size = |n: u32| {
+        let strip = 2000.0 / n as f32;
+        let mut t = Vec::new();
+        for k in 0..n {
+            let from = Vec3::X * (strip * k as f32);
+            t.extend(quad(from, Vec3::X * strip, Vec3::Z * -2000.0));
+        }
+        t.extend(cube());
+        let d = Subdivision::build(&soup(t), |_| false, &Options::default());
+        d.stats().patch_size
+    };
+    assert_eq!(size(1), size(32));
+}
+
 #[test]
 fn hidden_elements_leave_their_patch_and_hidden_patches_the_interpolation() {
     let soup = soup(quad(Vec3::ZERO, Vec3::X * 4.0, Vec3::Y * 4.0));
