@@ -171,3 +171,97 @@ impl Suns {
         Some((hit.triangle, hit.t * self.far))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{add_quad, light, material};
+    use crate::world::WorldOptions;
+    use mesh_ingest::{Scene, Soup};
+
+    /// A plate at z = 2 over x < 0.3, above the plane z = 0, under a sun of this angular radius that
+    /// stands above +x at a slope of 1 : 2.
+    fn plate(angle: f32) -> Scene {
+        let mut scene = Scene::default();
+        let grey = || material(0.5, Vec3::ZERO);
+        add_quad(
+            &mut scene,
+            grey(),
+            Vec3::new(-9.0, -9.0, 0.0),
+            Vec3::X * 18.0,
+            Vec3::Y * 18.0,
+        );
+        add_quad(
+            &mut scene,
+            grey(),
+            Vec3::new(-8.7, -9.0, 2.0),
+            Vec3::X * 9.0,
+            Vec3::Y * 18.0,
+        );
+        let direction = Vec3::new(-1.0, 0.0, -2.0).normalize();
+        let sun = LightKind::Directional { direction, angle };
+        scene.lights.push(light(1.0, sun));
+        scene
+    }
+
+    fn with<T>(angle: f32, f: impl FnOnce(&World, &Suns) -> T) -> T {
+        let scene = plate(angle);
+        let soup = Soup::build(&scene);
+        let world = World::build(&scene, &soup, WorldOptions::default()).expect("a tree");
+        f(&world, &Suns::new(&world))
+    }
+
+    /// A point of the plane, as a receiver.
+    fn on(x: f32) -> SurfacePoint {
+        let position = Vec3::new(x, 0.5, 0.0);
+        SurfacePoint {
+            position,
+            origin: position + Vec3::Z * 1e-4,
+            normal: Vec3::Z,
+            geometric: Vec3::Z,
+        }
+    }
+
+    #[test]
+    fn an_edge_lies_where_the_plane_through_it_and_the_sun_does() {
+        // 2 m below the edge at x = 0.3, a slope of 1 : 2 moves the shadow by 1 m to x = −0.7.
+        let edges = |angle, from, to, soft| {
+            with(angle, |world, suns| {
+                suns.edges(world, &[on(from), on(to)], soft)
+            })
+        };
+        for (from, to) in [(-1.0, -0.4), (-0.4, -1.0)] {
+            let [edge] = edges(0.0, from, to, 0.1)[..] else {
+                panic!("one edge");
+            };
+            assert!((edge.at.x + 0.7).abs() < 1e-3, "{edge:?}");
+            assert!(
+                (edge.normal + Vec3::X).length() < 1e-5,
+                "into the shade: {edge:?}"
+            );
+        }
+        assert!(edges(0.0, -0.6, -0.1, 0.1).is_empty(), "both are lit");
+        assert!(edges(0.0, -0.8, -1.5, 0.1).is_empty(), "both are shaded");
+        // The sun's disc of 0.02 rad is 4.5 cm wide at the distance of √5 m, and 5 cm on the plane.
+        let [edge] = edges(0.01, -1.0, -0.4, 0.1)[..] else {
+            panic!("one edge");
+        };
+        assert!((edge.at.x + 0.7 + 0.025).abs() < 1e-3, "{edge:?}");
+        assert!(edges(0.01, -1.0, -0.4, 0.03).is_empty(), "too soft");
+    }
+
+    #[test]
+    fn a_line_parts_sun_and_shade_only_along_the_edge() {
+        let part = |angle, x: f32, soft| {
+            let across = ([Vec3::X, Vec3::NEG_X], Vec3::Z);
+            with(angle, |world, suns| {
+                suns.part(world, on(x).origin, across, 0.02, soft)
+            })
+        };
+        assert!(part(0.0, -0.7, 0.1));
+        assert!(!part(0.0, -0.6, 0.1) && !part(0.0, -0.8, 0.1));
+        // At the far end of a penumbra, too, unless it is soft.
+        assert!(part(0.01, -0.725, 0.1));
+        assert!(!part(0.01, -0.725, 0.03));
+    }
+}
