@@ -48,7 +48,7 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
         a.output.display()
     )?;
     if e.planned_twice {
-        let why = "thin walls or sheets have different light on their two sides";
+        let why = "light differs on both sides of thin walls, sheets or edges of shadows";
         writeln!(out, "solve     charts and solve twice: {why}")?;
     }
     writeln!(
