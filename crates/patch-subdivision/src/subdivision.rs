@@ -507,8 +507,8 @@ impl Subdivision {
     }
 }
 
-/// Patch edge length for which about `options.patches` patches cover the scene, with each flat piece
-/// of surface limited to its allowed fraction.
+/// Patch edge length for which about `options.patches` patches cover the scene, with each flat
+/// piece of surface limited to its allowed fraction.
 fn nominal_size(mut areas: Vec<f64>, options: &Options) -> f32 {
     areas.sort_unstable_by(f64::total_cmp);
     let mut total: f64 = areas.iter().sum();

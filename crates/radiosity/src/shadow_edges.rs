@@ -1,7 +1,7 @@
 //! Edges of the sharp shadows that suns cast on flat surfaces.
 //!
-//! Where such an edge runs along the border of a chart, light is discontinuous there, and the border
-//! is what makes it sharp in the lightmap.
+//! Where such an edge runs along the border of a chart, light is discontinuous there, and the
+//! border is what makes it sharp in the lightmap.
 
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
@@ -75,8 +75,8 @@ impl Suns {
         self.suns.is_empty()
     }
 
-    /// Whether the edge of a shadow runs along a line on a flat surface: `beside` metres from it one
-    /// side is shaded, by something so near that the penumbra is at most `soft` metres wide, and
+    /// Whether the edge of a shadow runs along a line on a flat surface: `beside` metres from it
+    /// one side is shaded, by something so near that the penumbra is at most `soft` metres wide, and
     /// the other is lit beyond the penumbra. `on` is a point of the line, lifted off the surface,
     /// and `across` are the directions away from it.
     pub fn part(
@@ -179,8 +179,8 @@ mod tests {
     use crate::world::WorldOptions;
     use mesh_ingest::{Scene, Soup};
 
-    /// A plate at z = 2 over x < 0.3, above the plane z = 0, under a sun of this angular radius that
-    /// stands above +x at a slope of 1 : 2.
+    /// A plate at z = 2 over x < 0.3, above the plane z = 0, under a sun of this angular radius
+    /// that stands above +x at a slope of 1 : 2.
     fn plate(angle: f32) -> Scene {
         let mut scene = Scene::default();
         let grey = || material(0.5, Vec3::ZERO);

@@ -14,12 +14,16 @@ use crate::vertex_footprint::Spoke;
 /// worst (8 bits), and visible hard edges are above ten.
 const SAME_NORMAL: f32 = 0.9962;
 
-/// Where a sun's light is compared on two sides of a vertex: at this part of the way to the middle of
-/// their triangles …
+/// Where a sun's light is compared on two sides of a vertex: at this part of the way to the middle
+/// of their triangles …
 const BESIDE: f32 = 0.1;
 
 /// … if the penumbra is at most this part of it wide.
 const SOFT: f32 = 0.2;
+
+/// Most values of one smoothing group at a position: a sun and its shade, and some more where
+/// several shadows end.
+const MOST_SIDES: usize = 4;
 
 /// A vertex of a primitive.
 #[derive(Debug, Clone, Copy)]
@@ -174,19 +178,17 @@ impl Sheet {
             let mut groups: Vec<(u32, u32)> = Vec::new();
             for &(_, v) in at_place {
                 let normal = |v: u32| normals[v as usize];
-                let found = (groups.iter()).find(|(first, _)| {
-                    normal(*first).dot(normal(v)) >= SAME_NORMAL && !parted(*first, v)
-                });
-                let point = match found {
-                    Some((_, point)) => *point,
+                let alike = |(first, _): &&(u32, u32)| normal(*first).dot(normal(v)) >= SAME_NORMAL;
+                let mut sides = groups.iter().filter(alike).take(MOST_SIDES).enumerate();
+                let found = sides.find(|(k, (first, _))| k + 1 == MOST_SIDES || !parted(*first, v));
+                point_of[v as usize] = match found {
+                    Some((_, (_, point))) => *point,
                     None => {
-                        let point = points;
+                        groups.push((v, points));
                         points += 1;
-                        groups.push((v, point));
-                        point
+                        points - 1
                     }
                 };
-                point_of[v as usize] = point;
             }
         }
         self.points = points as usize;

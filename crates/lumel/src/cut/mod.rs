@@ -1,8 +1,8 @@
 //! Chooses where charts are cut: under [thin walls](walls) with different light on their two sides,
 //! and along the [edges of suns' shadows](shadows).
 //!
-//! A lumel that such a line crosses is read by lookups on both sides of it, and whatever it holds is
-//! wrong on one of them.
+//! A lumel that such a line crosses is read by lookups on both sides of it, and whatever it holds
+//! is wrong on one of them.
 
 mod shadows;
 mod walls;
@@ -52,7 +52,8 @@ const SHORT: f32 = 8.0;
 /// where a floor ends outside of a room's walls.
 const STRIP: f32 = 1.5;
 
-/// Shorter edges of shadows, in lumels, are not worth it in any case: at its ends an edge is blurred.
+/// Shorter edges of shadows, in lumels, are not worth it in any case: at their ends they are
+/// blurred.
 const SHORTEST: f32 = 4.0;
 
 /// Pieces of a shadow's edge that are this far apart at most, in lumels, are one.

@@ -1,8 +1,8 @@
 //! Straight edges of the shadows of suns.
 //!
-//! A lumel that such an edge crosses holds the mean of sun and shade. In a room the sun is a hundred
-//! times as bright as the shade, so its patch on a wall grows by a lumel and gets teeth, at any
-//! density. If charts end where the edge is, both sides are as they should be.
+//! A lumel that such an edge crosses holds the mean of sun and shade. In a room the sun is a
+//! hundred times as bright as the shade, so its patch on a wall grows by a lumel and gets teeth, at
+//! any density. If charts end where the edge is, both sides are as they should be.
 
 use glam::Vec3;
 use radiosity::Suns;

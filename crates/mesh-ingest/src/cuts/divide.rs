@@ -11,8 +11,8 @@ pub(super) struct Line {
     pub triangle: u32,
     pub normal: DVec3,
     pub offset: f64,
-    /// The ends of its line; `None` if it cuts all of the piece. Earlier lines divide the piece into
-    /// cells, and a line cuts those that it enters, from border to border.
+    /// The ends of its line; `None` if it cuts all of the piece. Earlier lines divide the piece
+    /// into cells, and a line cuts those that it enters, from border to border.
     pub ends: Option<[DVec3; 2]>,
 }
 
@@ -191,7 +191,6 @@ impl Divided {
             if h.abs() <= near { 0.0 } else { h }
         };
         let heights = |d: &Divided, t: &[u32; 3]| t.map(|v| height(d.at(v)));
-        let crosses = |h: [f64; 3]| h.iter().any(|h| *h > 0.0) && h.iter().any(|h| *h < 0.0);
         let along = line.normal.cross(up);
         let range = line.ends.map(|ends| {
             let [a, b] = ends.map(|p| along.dot(p));
@@ -211,48 +210,19 @@ impl Divided {
         }
         let mut made = BTreeMap::new();
         let mut next = Vec::with_capacity(parts.len() + 8);
+        let mut others = Vec::new();
         for (t, cell) in parts.iter() {
-            let Some(&above) = entered.get(cell) else {
-                continue;
-            };
-            let h = heights(self, t);
-            if !crosses(h) {
-                let is_above = h.iter().any(|h| *h > 0.0);
-                next.push((*t, if is_above { above } else { *cell }));
-                continue;
-            }
-            // Corner `k` is alone on its side; either of the others may be on the line.
-            let alone = |k: usize| {
-                let [own, a, b] = [h[k], h[(k + 1) % 3], h[(k + 2) % 3]];
-                own != 0.0 && own * a <= 0.0 && own * b <= 0.0
-            };
-            let k = (0..3).find(|&k| alone(k)).unwrap_or(0);
-            let [p, a, b] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-            let [ha, hb] = [h[(k + 1) % 3], h[(k + 2) % 3]];
-            let [own, other] = match h[k] > 0.0 {
-                true => [above, *cell],
-                false => [*cell, above],
-            };
-            let mut meet = |v: u32, hv: f64| match hv == 0.0 {
-                true => v,
-                false => self.between([p, v], [h[k], hv], &mut made),
-            };
-            let (m, n) = (meet(a, ha), meet(b, hb));
-            next.push(([p, m, n], own));
-            if m != a {
-                next.push(([m, a, b], other));
-            }
-            if n != b {
-                next.push(([m, b, n], other));
+            match entered.get(cell) {
+                Some(&above) => {
+                    let h = heights(self, t);
+                    self.halve(*t, h, [*cell, above], &mut made, &mut next);
+                }
+                None => others.push((*t, *cell)),
             }
         }
         // Triangles of other cells get the new vertices on their edges too.
         let divided: BTreeSet<Edge> = (made.keys())
             .map(|ends: &[u32; 2]| self.places(*ends))
-            .collect();
-        let mut others: Vec<([u32; 3], u32)> = (parts.iter())
-            .filter(|(_, cell)| !entered.contains_key(cell))
-            .copied()
             .collect();
         while let Some((t, cell)) = others.pop() {
             let h = heights(self, &t);
@@ -270,6 +240,47 @@ impl Divided {
             others.push(([a, m, c], cell));
         }
         *parts = next;
+    }
+
+    /// Divides a triangle whose corners have these heights above a line, and pushes what is below
+    /// and above it with these cells.
+    fn halve(
+        &mut self,
+        t: [u32; 3],
+        h: [f64; 3],
+        [below, above]: [u32; 2],
+        made: &mut BTreeMap<[u32; 2], u32>,
+        out: &mut Vec<([u32; 3], u32)>,
+    ) {
+        if !crosses(h) {
+            let is_above = h.iter().any(|h| *h > 0.0);
+            out.push((t, if is_above { above } else { below }));
+            return;
+        }
+        // Corner `k` is alone on its side; either of the others may be on the line.
+        let alone = |k: usize| {
+            let [own, a, b] = [h[k], h[(k + 1) % 3], h[(k + 2) % 3]];
+            own != 0.0 && own * a <= 0.0 && own * b <= 0.0
+        };
+        let k = (0..3).find(|&k| alone(k)).unwrap_or(0);
+        let [p, a, b] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+        let [ha, hb] = [h[(k + 1) % 3], h[(k + 2) % 3]];
+        let [own, other] = match h[k] > 0.0 {
+            true => [above, below],
+            false => [below, above],
+        };
+        let mut meet = |v: u32, hv: f64| match hv == 0.0 {
+            true => v,
+            false => self.between([p, v], [h[k], hv], made),
+        };
+        let (m, n) = (meet(a, ha), meet(b, hb));
+        out.push(([p, m, n], own));
+        if m != a {
+            out.push(([m, a, b], other));
+        }
+        if n != b {
+            out.push(([m, b, n], other));
+        }
     }
 
     /// Whether the line that a triangle's corners have these heights above meets it within a range
@@ -461,6 +472,11 @@ impl Divided {
         }
         out
     }
+}
+
+/// Whether a line passes between corners with these heights above it.
+fn crosses(h: [f64; 3]) -> bool {
+    h.iter().any(|h| *h > 0.0) && h.iter().any(|h| *h < 0.0)
 }
 
 /// Triangles by edge.

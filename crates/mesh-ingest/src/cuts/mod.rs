@@ -7,7 +7,8 @@
 //! Here the document itself is changed, before it is read. Triangles that the line crosses are
 //! divided, and the parts on either side of it go to different primitives, because charts never
 //! span two primitives. Lines that go through divide a surface like a chessboard, so two primitives
-//! suffice; where some end at others it is hardly ever more than four. Everything after that, the writers included, sees an ordinary document.
+//! suffice; where some end at others it is hardly ever more than four. Everything after that, the
+//! writers included, sees an ordinary document.
 
 mod divide;
 
@@ -62,8 +63,8 @@ pub(crate) fn can_cut(document: &Document, mesh: &Item) -> bool {
     (mesh.elements("primitives")).is_ok_and(|all| !all.is_empty() && all.iter().all(plain))
 }
 
-/// Applies the cuts whose meshes exist and [`can_cut`]. A primitive keeps the parts
-/// of the first colour; the others become new primitives after all those of its mesh.
+/// Applies the cuts whose meshes exist and [`can_cut`]. A primitive keeps the parts of the first
+/// colour; the others become new primitives after all those of its mesh.
 pub(crate) fn apply(document: &mut Document, cuts: &[Cut]) -> Outcome<()> {
     let mut of_mesh: BTreeMap<(usize, Option<usize>), Vec<&Cut>> = BTreeMap::new();
     for cut in cuts {
