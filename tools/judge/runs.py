@@ -129,7 +129,7 @@ def bake_all(a):
                 continue
             keys = dict(label=label, binary=binary, family=family, seed=seed, level=level_key,
                         quality=quality)
-            folder = os.path.join(a.out, "bake")
+            folder = os.path.join(a.out, "bake_" + label)
             seconds, report, status = bake(a.binary, path, folder, quality, a.option, a.timeout)
             keys["seconds"] = seconds
             try:

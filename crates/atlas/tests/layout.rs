@@ -64,6 +64,40 @@ fn a_box_has_six_charts_and_a_hard_edged_strip_none_across() {
     assert!(report.meshes[0].stretch < 1.001, "{:?}", report.meshes[0]);
 }
 
+/// The side of a barrel: twelve staves, 0.5 m wide and 1.5 m tall, that meet at 30°.
+fn barrel(smooth: bool) -> Mesh {
+    let out = |i: u32| Vec3::X.rotate_y(std::f32::consts::TAU * i as f32 / 12.0);
+    let radius = 0.25 / (std::f32::consts::PI / 12.0).sin();
+    let at = |i: u32| [out(i) * radius, out(i) * radius + 1.5 * Vec3::Y];
+    let positions: Vec<Vec3> = (0..12).flat_map(at).collect();
+    let stave = |i: u32| {
+        let [a, b] = [2 * i, 2 * ((i + 1) % 12)];
+        [[a, b, b + 1], [a, b + 1, a + 1]]
+    };
+    let mut barrel = mesh(positions, (0..12).flat_map(stave).collect());
+    if smooth {
+        barrel.primitives[0].normals = (0..12).flat_map(|i| [out(i); 2]).collect();
+    }
+    barrel
+}
+
+#[test]
+fn facets_are_charts_where_they_are_shaded_hard_and_not_tiny() {
+    let charts = |smooth, density| {
+        let (_, report) = lay_out_lone(barrel(smooth), &at_density(density));
+        report.meshes[0].charts
+    };
+    // A stave has 12, 2.4 and 1.7 lumels.
+    assert_eq!(
+        [4.0, 1.8, 1.5].map(|density| charts(false, density)),
+        [12, 12, 1]
+    );
+    assert_eq!(
+        [4.0, 1.8, 1.5].map(|density| charts(true, density)),
+        [1, 1, 1]
+    );
+}
+
 #[test]
 fn a_smooth_sphere_is_flattened_without_overlap_and_with_little_stretch() {
     let (_, report) = lay_out_lone(sphere(24, 2.0), &at_density(12.0));

@@ -8,9 +8,16 @@ use rayon::slice::ParallelSliceMut;
 /// differ, or there are none).
 ///
 /// Irradiance is discontinuous across a crease, and bilinear filtering inside one chart would blur
-/// it. But low-poly terrain has creases everywhere, and one chart per facet would need too much
-/// padding.
+/// it.
 pub const CREASE_DEGREES: f64 = 40.0;
+
+/// So are flatter ones, down to this angle, between facets of [`FACET_LUMELS`]. Facets of rocks and
+/// barrels would be drawn round.
+const FACET_DEGREES: f64 = SMOOTH_NORMAL_DEGREES;
+
+/// Area in lumels from which a facet is worth borders of its own. A sphere of such facets needs
+/// twice the texels of a smooth one.
+const FACET_LUMELS: f64 = 2.0;
 
 /// Edges sharper than this, in degrees, are always chart borders, whatever the normals are.
 pub const SHARP_DEGREES: f64 = 65.0;
@@ -25,7 +32,7 @@ pub const NONE: u32 = u32::MAX;
 /// are exactly equal.
 #[derive(Debug, Clone, Default)]
 pub struct UnwrapInput {
-    /// Welded positions in the mesh's world scale (metres).
+    /// Welded positions, in lumels.
     pub positions: Vec<Vec3>,
     /// Welded vertex indices: primitives in order, triangles in order.
     pub triangles: Vec<[u32; 3]>,
@@ -39,7 +46,8 @@ pub struct UnwrapInput {
 }
 
 impl UnwrapInput {
-    /// Welds `mesh` after multiplying its positions by `linear` (see [`crate::density::shape_of`]).
+    /// Welds `mesh` after multiplying its positions by `linear`, which gives lumels (see
+    /// [`crate::density::shape_of`]).
     ///
     /// Two vertices are the same if their local positions are bit-equal (−0 and 0 are equal).
     pub fn from_mesh(mesh: &Mesh, linear: DMat3) -> UnwrapInput {
@@ -65,7 +73,8 @@ impl UnwrapInput {
             }
         }
         let faces = input.face_normals();
-        input.connect(&faces, &normals);
+        let creases = input.connect(&faces, &normals);
+        input.part_facets(&creases);
         input
     }
 
@@ -91,8 +100,13 @@ impl UnwrapInput {
     }
 
     /// Fills `neighbors` and `seams`. `faces` are unit face normals, `normals` the corners' shading
-    /// normals.
-    fn connect(&mut self, faces: &[DVec3], normals: &[Option<[DVec3; 3]>]) {
+    /// normals. Returns the creases between facets, as edges (triangle, corner) of both sides.
+    fn connect(
+        &mut self,
+        faces: &[DVec3],
+        normals: &[Option<[DVec3; 3]>],
+    ) -> Vec<[(usize, usize); 2]> {
+        let mut creases = Vec::new();
         let count = self.triangles.len();
         self.neighbors = vec![[NONE; 3]; count];
         self.seams = vec![[false; 3]; count];
@@ -114,14 +128,40 @@ impl UnwrapInput {
                 let (u, l) = ((f / 3) as usize, (f % 3) as usize);
                 self.neighbors[t][k] = u as u32;
                 self.neighbors[u][l] = t as u32;
-                let seam = is_seam(
+                let fold = fold(
                     faces[t],
                     faces[u],
                     normals[t].map(|n| [n[k], n[(k + 1) % 3]]),
                     normals[u].map(|n| [n[(l + 1) % 3], n[l]]),
                 );
-                self.seams[t][k] = seam;
-                self.seams[u][l] = seam;
+                self.seams[t][k] = fold == Fold::Seam;
+                self.seams[u][l] = fold == Fold::Seam;
+                if fold == Fold::Crease {
+                    creases.push([(t, k), (u, l)]);
+                }
+            }
+        }
+        creases
+    }
+
+    /// Makes those creases chart borders that part facets of [`FACET_LUMELS`] on both sides.
+    fn part_facets(&mut self, creases: &[[(usize, usize); 2]]) {
+        if creases.is_empty() {
+            return;
+        }
+        for &(t, k) in creases.iter().flatten() {
+            self.seams[t][k] = true;
+        }
+        let (facet, count) = self.components(|t, k| !self.seams[t][k]);
+        let mut areas = vec![0.0; count as usize];
+        for (area, &facet) in self.areas().iter().zip(&facet) {
+            areas[facet as usize] += area;
+        }
+        for sides in creases {
+            let [a, b] = sides.map(|(t, _)| facet[t] as usize);
+            let parted = a != b && areas[a].min(areas[b]) >= FACET_LUMELS;
+            for &(t, k) in sides {
+                self.seams[t][k] = parted;
             }
         }
     }
@@ -236,24 +276,40 @@ fn pair_fan(
     }
 }
 
-/// Whether the edge between two faces must be a chart border; `n`, `m` are the shading normals at
-/// its two ends.
-fn is_seam(face: DVec3, other: DVec3, n: Option<[DVec3; 2]>, m: Option<[DVec3; 2]>) -> bool {
+/// What an edge between two faces is to charts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fold {
+    /// One chart may have both.
+    Smooth,
+    /// A border if it parts facets.
+    Crease,
+    /// A border.
+    Seam,
+}
+
+/// What the edge between two faces is; `n`, `m` are the shading normals at its two ends.
+fn fold(face: DVec3, other: DVec3, n: Option<[DVec3; 2]>, m: Option<[DVec3; 2]>) -> Fold {
+    let cosine = |degrees: f64| libm::cos(degrees.to_radians());
     let cos = face.dot(other);
     if face == DVec3::ZERO || other == DVec3::ZERO {
-        return false;
+        return Fold::Smooth;
     }
-    if cos < libm::cos(SHARP_DEGREES.to_radians()) {
-        return true;
+    if cos < cosine(SHARP_DEGREES) {
+        return Fold::Seam;
     }
-    if cos >= libm::cos(CREASE_DEGREES.to_radians()) {
-        return false;
+    if cos >= cosine(FACET_DEGREES) {
+        return Fold::Smooth;
     }
-    match (n, m) {
+    let hard = match (n, m) {
         (Some(n), Some(m)) => {
-            let limit = libm::cos(SMOOTH_NORMAL_DEGREES.to_radians());
+            let limit = cosine(SMOOTH_NORMAL_DEGREES);
             n[0].dot(m[0]) < limit || n[1].dot(m[1]) < limit
         }
         _ => true,
+    };
+    match hard {
+        false => Fold::Smooth,
+        true if cos < cosine(CREASE_DEGREES) => Fold::Seam,
+        true => Fold::Crease,
     }
 }
