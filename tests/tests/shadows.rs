@@ -12,12 +12,17 @@ const LUX: f32 = 3.0;
 /// Above a ground of 8 × 8 m hangs a board of 3 × 2 m, turned by 25°, under a sun of this angular
 /// diameter in degrees. Nothing reflects, so the shade is black.
 fn board(angle: f32) -> Vec<u8> {
+    board_over(8.0, 25.0, angle)
+}
+
+/// Likewise, with a ground of this width from x = −4 m on, and the board turned by `turn` degrees.
+fn board_over(width: f32, turn: f32, angle: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let ground = grid(
         Vec3::new(-4.0, 0.0, -4.0),
         Vec3::Z * 8.0,
-        Vec3::X * 8.0,
+        Vec3::X * width,
         [1, 1],
     );
     let mesh = b.mesh("ground", &[(&ground, black)]);
@@ -25,7 +30,7 @@ fn board(angle: f32) -> Vec<u8> {
     let board = cuboid(Vec3::new(-1.5, 1.0, -1.0), Vec3::new(1.5, 1.05, 1.0), 1);
     let mesh = b.mesh("board", &[(&board, black)]);
     b.node(Node {
-        rotation: Quat::from_rotation_y(25f32.to_radians()),
+        rotation: Quat::from_rotation_y(turn.to_radians()),
         ..Node::of_mesh("board", mesh)
     });
     let sun = b.light("sun", Light::Directional([LUX; 3]));
@@ -81,6 +86,16 @@ fn no_lumel_is_half_in_the_sun() {
         shade(&whole),
         shade(&cut)
     );
+}
+
+#[test]
+fn a_strip_of_sun_is_narrower_than_a_lumel() {
+    // The shadow ends at x = 1.92 m, and the ground three quarters of a lumel beyond.
+    let glb = board_over(4.0 + 1.92 + 0.15, 0.0, 0.0);
+    let [whole, cut] = [false, true].map(|cut| mixed(&bake(&glb, &settings(cut))));
+    assert!(whole > 0.01, "{whole}");
+    // With the strip left whole it is 0.0023.
+    assert!(cut < 0.001, "{cut}");
 }
 
 /// Vertices on the outline have a value for each side of it.

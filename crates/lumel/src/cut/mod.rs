@@ -48,9 +48,13 @@ const BESIDE: f32 = 0.05;
 /// [noticeably](NOTICED).
 const SHORT: f32 = 8.0;
 
-/// Nor is a border nearer than this, in lumels, to the end of the surface: the strip beyond it is
-/// where a floor ends outside of a room's walls.
+/// Nor is a border under a wall nearer than this, in lumels, to the end of the surface: the strip
+/// beyond it is where a floor ends outside of a room's walls.
 const STRIP: f32 = 1.5;
+
+/// Strips of sun or shade are seen if they are wider than this, in lumels: a centimetre of sun along
+/// the edge of a bed would light up a whole lumel.
+const SUNLIT_STRIP: f32 = 0.1;
 
 /// Shorter edges of shadows, in lumels, are not worth it in any case: at their ends they are
 /// blurred.
@@ -279,7 +283,11 @@ impl Line {
                 .map(|p| side * (self.normal.dot(*p) - self.offset));
             beyond.fold(0.0, f32::max)
         };
-        if far(1.0).min(far(-1.0)) <= STRIP * lumel {
+        let strip = match self.cause {
+            Cause::Wall { .. } => STRIP,
+            Cause::Shadow { .. } => SUNLIT_STRIP,
+        };
+        if far(1.0).min(far(-1.0)) <= strip * lumel {
             return Vec::new();
         }
         let chosen = |offset, ends| Chosen {
