@@ -77,8 +77,8 @@ impl Suns {
 
     /// Whether the edge of a shadow runs along a line on a flat surface: `beside` metres from it
     /// one side is shaded, by something so near that the penumbra is at most `soft` metres wide,
-    /// and the other is lit beyond the penumbra. `on` is a point of the line, lifted off the surface,
-    /// and `across` are the directions away from it.
+    /// and the other is lit beyond the penumbra. `on` is a point of the line, lifted off the
+    /// surface, and `across` are the directions away from it.
     pub fn part(
         &self,
         world: &World,

@@ -52,8 +52,8 @@ const SHORT: f32 = 8.0;
 /// beyond it is where a floor ends outside of a room's walls.
 const STRIP: f32 = 1.5;
 
-/// Strips of sun or shade are seen if they are wider than this, in lumels: a centimetre of sun along
-/// the edge of a bed would light up a whole lumel.
+/// Nor is the edge of a shadow nearer than this, in lumels. Wider strips of sun would light up a
+/// whole lumel, as along the top of a wall.
 const SUNLIT_STRIP: f32 = 0.1;
 
 /// Shorter edges of shadows, in lumels, are not worth it in any case: at their ends they are
