@@ -12,11 +12,17 @@ const LUX: f32 = 3.0;
 /// Above a ground of 8 × 8 m hangs a board of 3 × 2 m, turned by 25°, under a sun of this angular
 /// diameter in degrees. Nothing reflects, so the shade is black.
 fn board(angle: f32) -> Vec<u8> {
-    board_over(8.0, 25.0, angle)
+    box_over(8.0, hanging(), 25.0, angle)
 }
 
-/// Likewise, with a ground of this width from x = −4 m on, and the board turned by `turn` degrees.
-fn board_over(width: f32, turn: f32, angle: f32) -> Vec<u8> {
+/// The board's corners.
+fn hanging() -> [Vec3; 2] {
+    [Vec3::new(-1.5, 1.0, -1.0), Vec3::new(1.5, 1.05, 1.0)]
+}
+
+/// Likewise, with a ground of this width from x = −4 m on, and a box with these corners, turned by
+/// `turn` degrees.
+fn box_over(width: f32, corners: [Vec3; 2], turn: f32, angle: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let ground = grid(
@@ -27,11 +33,11 @@ fn board_over(width: f32, turn: f32, angle: f32) -> Vec<u8> {
     );
     let mesh = b.mesh("ground", &[(&ground, black)]);
     b.node(Node::of_mesh("ground", mesh));
-    let board = cuboid(Vec3::new(-1.5, 1.0, -1.0), Vec3::new(1.5, 1.05, 1.0), 1);
-    let mesh = b.mesh("board", &[(&board, black)]);
+    let [low, high] = corners;
+    let mesh = b.mesh("box", &[(&cuboid(low, high, 1), black)]);
     b.node(Node {
         rotation: Quat::from_rotation_y(turn.to_radians()),
-        ..Node::of_mesh("board", mesh)
+        ..Node::of_mesh("box", mesh)
     });
     let sun = b.light("sun", Light::Directional([LUX; 3]));
     b.light_json(sun)["extras"] = serde_json::json!({ "lumel": { "angle": angle } });
@@ -53,11 +59,16 @@ fn settings(cut_charts: bool) -> Settings {
 
 /// The share of the ground's lumels that are neither lit nor shaded, but for 1 %.
 fn mixed(bake: &Bake) -> f64 {
+    between(bake, 0.01, 0.99)
+}
+
+/// The share of the ground's lumels with more and less than these fractions of the light.
+fn between(bake: &Bake, low: f64, high: f64) -> f64 {
     let lumels = lumels_of(bake, "ground");
     let lit = lumels.iter().map(|l| l.red()).fold(0.0, f64::max);
     let between = lumels
         .iter()
-        .filter(|l| (0.01..0.99).contains(&(l.red() / lit)));
+        .filter(|l| (low..high).contains(&(l.red() / lit)));
     between.count() as f64 / lumels.len() as f64
 }
 
@@ -91,10 +102,25 @@ fn no_lumel_is_half_in_the_sun() {
 #[test]
 fn a_strip_of_sun_is_narrower_than_a_lumel() {
     // The shadow ends at x = 1.92 m, and the ground three quarters of a lumel beyond.
-    let glb = board_over(4.0 + 1.92 + 0.15, 0.0, 0.0);
+    let glb = box_over(4.0 + 1.92 + 0.15, hanging(), 0.0, 0.0);
     let [whole, cut] = [false, true].map(|cut| mixed(&bake(&glb, &settings(cut))));
     assert!(whole > 0.01, "{whole}");
     // With the strip left whole it is 0.0023.
+    assert!(cut < 0.001, "{cut}");
+}
+
+/// A wall stands on the ground. Along the shadows of its upright edges, penumbras grow from nothing
+/// to 12 cm, which is less than a lumel.
+#[test]
+fn a_chart_of_shade_ends_where_a_growing_penumbra_does() {
+    let wall = [Vec3::new(-1.0, 0.0, -0.05), Vec3::new(1.0, 3.0, 0.05)];
+    let glb = box_over(8.0, wall, 0.0, 2.0);
+    let [whole, cut] = [false, true].map(|cut| bake(&glb, &settings(cut)));
+    // Lumels that are mostly in the shade, and all the same get so much sun that a room would be
+    // outshone.
+    let [whole, cut] = [whole, cut].map(|bake| between(&bake, 0.01, 0.3));
+    assert!(whole > 0.003, "{whole}");
+    // With a line for each width of the penumbra it was 0.0023.
     assert!(cut < 0.001, "{cut}");
 }
 

@@ -35,10 +35,12 @@ struct Sun {
 /// A point of a shadow's edge.
 #[derive(Debug, Clone, Copy)]
 pub struct ShadowEdge {
-    /// The point, metres: where the shade is complete.
+    /// The point, metres: in the middle of the penumbra.
     pub at: Vec3,
     /// Unit normal of the edge, in the plane of the surface, into the shade.
     pub normal: Vec3,
+    /// How far along it the shade is complete, metres.
+    pub penumbra: f32,
 }
 
 impl Suns {
@@ -158,11 +160,11 @@ impl Suns {
             return None;
         }
         let level = level / length;
-        // Exactly on the plane, and beyond the penumbra.
-        let normal = level * level.dot(shaded - lit).signum();
-        let penumbra = 0.5 * distance * sun.width / length;
-        let at = at - level * (off / length) + normal * penumbra;
-        Some(ShadowEdge { at, normal })
+        Some(ShadowEdge {
+            at: at - level * (off / length),
+            normal: level * level.dot(shaded - lit).signum(),
+            penumbra: 0.5 * distance * sun.width / length,
+        })
     }
 
     /// The first opaque triangle from a point towards a sun, with its distance, metres.
@@ -246,7 +248,8 @@ mod tests {
         let [edge] = edges(0.01, -1.0, -0.4, 0.1)[..] else {
             panic!("one edge");
         };
-        assert!((edge.at.x + 0.7 + 0.025).abs() < 1e-3, "{edge:?}");
+        assert!((edge.at.x + 0.7).abs() < 1e-3, "{edge:?}");
+        assert!((edge.penumbra - 0.025).abs() < 1e-3, "{edge:?}");
         assert!(edges(0.01, -1.0, -0.4, 0.03).is_empty(), "too soft");
     }
 

@@ -13,7 +13,7 @@ use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
 use patch_subdivision::PatchId;
-use radiosity::{Solution, SurfacePoint, World, luminance};
+use radiosity::{ShadowEdge, Solution, SurfacePoint, World, luminance};
 
 use crate::named::{node_of, some_of};
 use shadows::Edge;
@@ -94,34 +94,64 @@ enum Cause {
         sides: [Found; 2],
     },
     /// The edge of a shadow; the normal points into the shade.
-    Shadow {
-        /// How far behind the line all of its pieces are in the shade, metres.
-        behind: f32,
-        stretches: Stretches,
-    },
+    Shadow(Vec<Piece>),
 }
 
-/// Pieces of a line: where along it each begins and ends, metres, and the difference of the light.
-#[derive(Default)]
-struct Stretches(Vec<([f32; 2], f32)>);
+/// A piece of a shadow's edge.
+struct Piece {
+    /// Where along the edge its middle is, metres.
+    at: f32,
+    length: f32,
+    /// How far behind the edge the shade is complete, metres.
+    behind: f32,
+    /// Relative difference of the light.
+    differ: f32,
+}
 
-impl Stretches {
-    /// Those that are at most `gap` apart as one, with the mean difference.
-    fn joined(mut self, gap: f32) -> Vec<([f32; 2], f32)> {
-        self.0.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
-        let mut out: Vec<([f32; 2], f32, u32)> = Vec::new();
-        for (ends, differ) in self.0 {
+/// Pieces of a shadow's edge without a gap between them.
+struct Stretch {
+    /// Where it begins and ends.
+    ends: [f32; 2],
+    pieces: Vec<Piece>,
+}
+
+impl Stretch {
+    /// Pieces that are at most `gap` apart are of one stretch.
+    fn all(mut pieces: Vec<Piece>, gap: f32) -> Vec<Stretch> {
+        pieces.sort_by(|a, b| a.at.total_cmp(&b.at));
+        let mut out: Vec<Stretch> = Vec::new();
+        for piece in pieces {
+            let ends = [-0.5, 0.5].map(|side| piece.at + side * piece.length);
             match out.last_mut() {
-                Some((last, sum, n)) if ends[0] <= last[1] + gap => {
-                    last[1] = last[1].max(ends[1]);
-                    (*sum, *n) = (*sum + differ, *n + 1);
+                Some(last) if ends[0] <= last.ends[1] + gap => {
+                    last.ends[1] = last.ends[1].max(ends[1]);
+                    last.pieces.push(piece);
                 }
-                _ => out.push((ends, differ, 1)),
+                _ => out.push(Stretch {
+                    ends,
+                    pieces: vec![piece],
+                }),
             }
         }
-        (out.into_iter())
-            .map(|(ends, sum, n)| (ends, sum / n as f32))
-            .collect()
+        out
+    }
+
+    fn mean(&self, of: impl Fn(&Piece) -> f32) -> f32 {
+        self.pieces.iter().map(of).sum::<f32>() / self.pieces.len() as f32
+    }
+
+    /// How far behind the edge all shade is complete, metres: here at a place, and there per metre
+    /// along the edge. Penumbras grow with the distance from what casts them.
+    fn behind(&self) -> impl Fn(f32) -> f32 {
+        let middle = self.mean(|p| p.at);
+        let spread = self.mean(|p| (p.at - middle).powi(2));
+        let slope = match spread > 0.0 {
+            true => self.mean(|p| (p.at - middle) * p.behind) / spread,
+            false => 0.0,
+        };
+        let above = (self.pieces.iter()).map(|p| p.behind - slope * (p.at - middle));
+        let level = above.fold(f32::NEG_INFINITY, f32::max);
+        move |at| level + slope * (at - middle)
     }
 }
 
@@ -225,27 +255,31 @@ impl Lines {
     /// Adds a piece of a shadow's edge. Charts end where all of the shade is on one side of the
     /// line: a hundredth of the sun would double the light in the shade.
     fn enter_shadow(&mut self, edge: &Edge, length: f32) {
+        let ShadowEdge {
+            at,
+            normal,
+            penumbra,
+        } = edge.edge;
         let new = || Line {
-            normal: edge.normal,
-            offset: edge.normal.dot(edge.at),
-            cause: Cause::Shadow {
-                behind: 0.0,
-                stretches: Stretches::default(),
-            },
+            normal,
+            offset: normal.dot(at),
+            cause: Cause::Shadow(Vec::new()),
             triangle: edge.triangle,
         };
         let same = |l: &Line| {
-            l.is_along(edge.normal, edge.at, edge.lumel)
-                && !(matches!(l.cause, Cause::Shadow { .. }) && l.normal.dot(edge.normal) < 0.0)
+            l.is_along(normal, at, edge.lumel)
+                && !(matches!(l.cause, Cause::Shadow(_)) && l.normal.dot(normal) < 0.0)
         };
         // Along a wall, the wall decides.
         if let Some(line) = self.find_or_add(same, new)
-            && let Cause::Shadow { behind, stretches } = &mut line.cause
+            && let Cause::Shadow(pieces) = &mut line.cause
         {
-            *behind = behind.max(line.normal.dot(edge.at) - line.offset);
-            let at = line.normal.cross(edge.up).dot(edge.at);
-            let ends = [at - 0.5 * length, at + 0.5 * length];
-            stretches.0.push((ends, edge.differ));
+            pieces.push(Piece {
+                at: line.normal.cross(edge.up).dot(at),
+                length,
+                behind: line.normal.dot(at) - line.offset + penumbra,
+                differ: edge.differ,
+            });
         }
     }
 
@@ -285,17 +319,11 @@ impl Line {
         };
         let strip = match self.cause {
             Cause::Wall { .. } => STRIP,
-            Cause::Shadow { .. } => SUNLIT_STRIP,
+            Cause::Shadow(_) => SUNLIT_STRIP,
         };
         if far(1.0).min(far(-1.0)) <= strip * lumel {
             return Vec::new();
         }
-        let chosen = |offset, ends| Chosen {
-            normal: self.normal,
-            offset,
-            ends,
-            triangle: self.triangle,
-        };
         match self.cause {
             Cause::Wall {
                 length,
@@ -304,22 +332,40 @@ impl Line {
             } => {
                 let worth = is_worth_it(length, weight / length, lumel);
                 let seen = sides.iter().all(Found::is_seen);
-                let line = (worth && seen).then(|| (weight, chosen(self.offset, None)));
-                line.into_iter().collect()
+                let line = Chosen {
+                    normal: self.normal,
+                    offset: self.offset,
+                    ends: None,
+                    triangle: self.triangle,
+                };
+                (worth && seen)
+                    .then_some((weight, line))
+                    .into_iter()
+                    .collect()
             }
-            Cause::Shadow { behind, stretches } => (stretches.joined(GAP * lumel).into_iter())
-                .filter(|([from, to], _)| to - from >= SHORTEST * lumel)
-                .filter(|([from, to], differ)| is_worth_it(to - from, *differ, lumel))
-                .map(|(ends, differ)| {
-                    let up = world.soup.normals[self.triangle as usize];
-                    let on = world.soup.triangles[self.triangle as usize][0];
-                    let offset = self.offset + behind;
-                    let foot = self.normal * offset + up * up.dot(on);
-                    let at = |x: f32| foot + self.normal.cross(up) * x;
-                    let line = chosen(offset, Some(ends.map(at)));
-                    ((ends[1] - ends[0]) * differ, line)
-                })
-                .collect(),
+            Cause::Shadow(pieces) => {
+                let up = world.soup.normals[self.triangle as usize];
+                let on = world.soup.triangles[self.triangle as usize][0];
+                let foot = self.normal * self.offset + up * up.dot(on);
+                let along = self.normal.cross(up);
+                (Stretch::all(pieces, GAP * lumel).into_iter())
+                    .filter_map(|stretch| {
+                        let ([from, to], differ) = (stretch.ends, stretch.mean(|p| p.differ));
+                        let worth =
+                            to - from >= SHORTEST * lumel && is_worth_it(to - from, differ, lumel);
+                        let behind = stretch.behind();
+                        let ends = [from, to].map(|x| foot + along * x + self.normal * behind(x));
+                        let normal = up.cross(ends[1] - ends[0]).normalize_or_zero();
+                        let line = Chosen {
+                            normal,
+                            offset: normal.dot(ends[0]),
+                            ends: Some(ends),
+                            triangle: self.triangle,
+                        };
+                        worth.then_some(((to - from) * differ, line))
+                    })
+                    .collect()
+            }
         }
     }
 }
@@ -371,7 +417,7 @@ pub(crate) fn wanted(
         for line in found {
             let to = match line.cause {
                 Cause::Wall { .. } => &mut walls,
-                Cause::Shadow { .. } => &mut shadows,
+                Cause::Shadow(_) => &mut shadows,
             };
             if let Some(lumel) = level.lumel_of(line.triangle) {
                 to.extend(line.chosen(lumel, world, &points[&region]));
@@ -516,4 +562,38 @@ pub(crate) fn note(scene: &Scene, cuts: &[Cut]) -> Option<String> {
             some_of((0..scene.instances.len()).filter(cut).map(|i| node_of(scene, i)))
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_follows_a_penumbra_that_grows_and_leaves_no_piece_in_the_sun() {
+        let piece = |at: f32, behind: f32| Piece {
+            at,
+            length: 0.1,
+            behind,
+            differ: 1.0,
+        };
+        // A centimetre a metre, give or take a millimetre, with a gap of half a metre.
+        let pieces: Vec<Piece> = (0..20)
+            .filter(|k| !(10..15).contains(k))
+            .map(|k| piece(0.1 * k as f32, 0.001 * (k + k % 2) as f32))
+            .rev()
+            .collect();
+        let [first, second] = &Stretch::all(pieces, 0.2)[..] else {
+            panic!("two stretches");
+        };
+        let near = |[a, b]: [f32; 2], [c, d]: [f32; 2]| (a - c).abs() + (b - d).abs() < 1e-5;
+        assert!(near(first.ends, [-0.05, 0.95]), "{:?}", first.ends);
+        assert!(near(second.ends, [1.45, 1.95]), "{:?}", second.ends);
+        let behind = first.behind();
+        for p in &first.pieces {
+            let more = behind(p.at) - p.behind;
+            assert!((-1e-6..2e-3).contains(&more), "{more} at {}", p.at);
+        }
+        let slope = behind(1.0) - behind(0.0);
+        assert!((slope - 0.01).abs() < 1e-3, "{slope}");
+    }
 }

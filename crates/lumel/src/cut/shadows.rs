@@ -5,7 +5,7 @@
 //! any density. If charts end where the edge is, both sides are as they should be.
 
 use glam::Vec3;
-use radiosity::Suns;
+use radiosity::{ShadowEdge, Suns};
 use rayon::prelude::*;
 
 use super::Level;
@@ -16,10 +16,8 @@ const SOFT: f32 = 0.75;
 
 /// A piece of the edge of a shadow.
 pub(super) struct Edge {
-    /// A point of it.
-    pub at: Vec3,
-    /// Unit normal in the plane of the surface, into the shade.
-    pub normal: Vec3,
+    /// A point of it, and where along its normal the shade is complete.
+    pub edge: ShadowEdge,
     /// Unit normal of the surface's front.
     pub up: Vec3,
     /// Relative difference of the light.
@@ -46,8 +44,7 @@ pub(super) fn find(level: &Level) -> Vec<Edge> {
         };
         let edges = suns.edges(level.world, &level.points(pair), SOFT * lumel);
         let pieces = edges.into_iter().map(|edge| Edge {
-            at: edge.at,
-            normal: edge.normal,
+            edge,
             up: level.world.soup.normals[triangle as usize],
             differ,
             lumel,
