@@ -26,7 +26,7 @@ pub(super) fn bounds(
     let mut low = values.to_vec();
     let mut high = values.to_vec();
     let mut most = vec![Vec4::ZERO; values.len()];
-    for row in rows.iter().filter(|row| row.agree > 0.0) {
+    for row in rows {
         let difference = row.difference(values).abs();
         let reads = || {
             let terms = row.texels.iter().zip(&row.weights);

@@ -19,8 +19,11 @@ pub struct SeamError {
 pub struct SeamReport {
     /// Points of seams that were compared.
     pub samples: u64,
-    /// Length of all seams, metres.
+    /// Length of all seams where light is continuous, metres.
     pub metres: f64,
+    /// Length of those where one side has more than six times the light of the other, metres:
+    /// places under something, and edges of shadows. They are left as they are.
+    pub jumps: f64,
     /// Differences after gathering and dilation.
     pub before: SeamError,
     /// Differences in the final map; the same as `before` without stitching.

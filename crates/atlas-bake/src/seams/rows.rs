@@ -31,7 +31,7 @@ pub(super) struct Row {
     pub weights: [f32; 8],
     /// W ℓ / σ², reduced where light bends.
     pub agree: f32,
-    /// Misfit over σ, infinite for the two sides of a slit and where light is not continuous.
+    /// Misfit over σ, infinite for the two sides of a slit.
     pub misfit: f32,
     /// σ.
     pub scale: f32,

@@ -109,32 +109,40 @@ impl Stitcher {
             if hidden == [true; 2] {
                 continue;
             }
+            let lookups = [0, 1].map(|k| {
+                let page = s.sides[k].0;
+                let terms = sides[k].iter().map(|&(at, w)| w * light((page, at as u32)));
+                terms.sum::<f32>() + 0.01 * mean
+            });
+            let [dark, bright] = [f32::min, f32::max].map(|f| f(lookups[0], lookups[1]));
+            let counts = hidden == [false; 2];
+            let metres = f64::from(s.metres) * f64::from(u8::from(counts));
+            if bright > CONTINUOUS * dark {
+                report.jumps += metres;
+                continue;
+            }
             let mut row = Row {
                 texels: [0; 8],
                 weights: [0.0; 8],
                 agree: 0.0,
                 misfit: f32::INFINITY,
-                scale: 0.0,
+                scale: 0.5 * (lookups[0] + lookups[1]),
                 texels_long: s.texels,
-                counts: hidden == [false; 2],
+                counts,
             };
-            let mut lookups = [0.01 * mean; 2];
             for k in 0..2 {
                 let sign = [1.0, -1.0][k];
                 for (i, &(at, w)) in sides[k].iter().enumerate() {
                     let place = (s.sides[k].0, at as u32);
                     row.texels[4 * k + i] = list.number(place);
                     row.weights[4 * k + i] = sign * w;
-                    lookups[k] += w * light(place);
                 }
             }
-            row.scale = 0.5 * (lookups[0] + lookups[1]);
-            let [dark, bright] = [f32::min, f32::max].map(|f| f(lookups[0], lookups[1]));
-            if bright <= CONTINUOUS * dark && !row.shares_texels() {
+            if !row.shares_texels() {
                 row.misfit = misfit(s, pages, texels) / row.scale;
             }
-            report.samples += u64::from(row.counts);
-            report.metres += f64::from(s.metres) * f64::from(u8::from(row.counts));
+            report.samples += u64::from(counts);
+            report.metres += metres;
             rows.push(row);
         }
         let mut stitcher = Stitcher {
@@ -398,7 +406,7 @@ mod tests {
     }
 
     /// Two strips, one lumel high, whose long borders meet on both sides like those of a ledge;
-    /// their light is 1 and 0.01.
+    /// their light is 1 and 0.2.
     fn strips() -> (Vec<Sample>, Vec<Page>, Texels) {
         let (width, height) = (24u32, 16u32);
         let n = (width * height) as usize;
@@ -409,7 +417,7 @@ mod tests {
             width,
             height,
             value: (0..n)
-                .map(|i| [if row(i) < 7 { 1.0 } else { 0.01 }; 3])
+                .map(|i| [if row(i) < 7 { 1.0 } else { 0.2 }; 3])
                 .collect(),
             coverage: (0..n)
                 .map(|i| if is_lumel(i) { 0.5 } else { 0.0 })

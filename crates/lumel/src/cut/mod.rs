@@ -56,11 +56,12 @@ const STRIP: f32 = 1.5;
 /// whole lumel, as along the top of a wall.
 const SUNLIT_STRIP: f32 = 0.1;
 
-/// Shorter edges of shadows, in lumels, are not worth it in any case: at their ends they are
-/// blurred.
+/// Shorter edges of shadows, in lumels, are not worth it, as they are blurred at their ends, unless
+/// both of their ends are at other lines: the sides of the shadow of a window's bar.
 const SHORTEST: f32 = 4.0;
 
-/// Pieces of a shadow's edge that are this far apart at most, in lumels, are one.
+/// Pieces of a shadow's edge that are this far apart at most, in lumels, are one; and a line ends
+/// at another that is as near.
 const GAP: f32 = 1.5;
 
 /// Most walls on a surface, the most visible first: each can double the number of its charts.
@@ -351,8 +352,7 @@ impl Line {
                 (Stretch::all(pieces, GAP * lumel).into_iter())
                     .filter_map(|stretch| {
                         let ([from, to], differ) = (stretch.ends, stretch.mean(|p| p.differ));
-                        let worth =
-                            to - from >= SHORTEST * lumel && is_worth_it(to - from, differ, lumel);
+                        let worth = is_worth_it(to - from, differ, lumel);
                         let behind = stretch.behind();
                         let ends = [from, to].map(|x| foot + along * x + self.normal * behind(x));
                         let normal = up.cross(ends[1] - ends[0]).normalize_or_zero();
@@ -377,6 +377,24 @@ struct Chosen {
     /// Its ends; `None` if it goes through.
     ends: Option<[Vec3; 2]>,
     triangle: u32,
+}
+
+impl Chosen {
+    /// Metres.
+    fn length(&self) -> f32 {
+        self.ends.map_or(f32::INFINITY, |[a, b]| a.distance(b))
+    }
+
+    /// Of a point of the surface from the line, metres.
+    fn distance(&self, p: Vec3) -> f32 {
+        match self.ends {
+            None => (self.normal.dot(p) - self.offset).abs(),
+            Some([a, b]) => {
+                let t = (p - a).dot(b - a) / (b - a).length_squared();
+                p.distance(a.lerp(b, t.clamp(0.0, 1.0)))
+            }
+        }
+    }
 }
 
 /// Whether a line is noticed. Where the light differs more, shorter lines are.
@@ -414,6 +432,7 @@ pub(crate) fn wanted(
     let mut cuts = Vec::new();
     for (region, Lines(found)) in lines {
         let (mut walls, mut shadows) = (Vec::new(), Vec::new());
+        let mut lumel_here = 0.0f32;
         for line in found {
             let to = match line.cause {
                 Cause::Wall { .. } => &mut walls,
@@ -421,8 +440,10 @@ pub(crate) fn wanted(
             };
             if let Some(lumel) = level.lumel_of(line.triangle) {
                 to.extend(line.chosen(lumel, world, &points[&region]));
+                lumel_here = lumel_here.max(lumel);
             }
         }
+        let mut shadows = without_loose_ends(shadows, &walls, lumel_here);
         for (lines, most) in [(&mut walls, MOST_WALLS), (&mut shadows, MOST_SHADOWS)] {
             // Stable, so of equal lines the first found stays first.
             lines.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -437,6 +458,24 @@ pub(crate) fn wanted(
         }
     }
     cuts
+}
+
+/// Of the edges of shadows on a surface with these lumels, those that are long, or that end at long
+/// ones or at walls on both sides.
+fn without_loose_ends(
+    shadows: Vec<(f32, Chosen)>,
+    walls: &[(f32, Chosen)],
+    lumel: f32,
+) -> Vec<(f32, Chosen)> {
+    let is_long = |line: &(f32, Chosen)| line.1.length() >= SHORTEST * lumel;
+    let (mut long, mut short): (Vec<_>, Vec<_>) = shadows.into_iter().partition(is_long);
+    let is_met = |p: &Vec3| {
+        let mut others = long.iter().chain(walls);
+        others.any(|(_, line)| line.distance(*p) <= GAP * lumel)
+    };
+    short.retain(|(_, line)| line.ends.is_some_and(|ends| ends.iter().all(is_met)));
+    long.append(&mut short);
+    long
 }
 
 /// By triangle, those that coincide with it, of meshes that can be cut.
