@@ -12,7 +12,7 @@ const LUX: f32 = 3.0;
 /// Above a ground of 8 × 8 m hangs a board of 3 × 2 m, turned by 25°, under a sun of this angular
 /// diameter in degrees. Nothing reflects, so the shade is black.
 fn board(angle: f32) -> Vec<u8> {
-    box_over(8.0, hanging(), 25.0, angle)
+    boxes_over(8.0, &[hanging()], 25.0, angle)
 }
 
 /// The board's corners.
@@ -20,9 +20,9 @@ fn hanging() -> [Vec3; 2] {
     [Vec3::new(-1.5, 1.0, -1.0), Vec3::new(1.5, 1.05, 1.0)]
 }
 
-/// Likewise, with a ground of this width from x = −4 m on, and a box with these corners, turned by
+/// Likewise, with a ground of this width from x = −4 m on, and boxes with these corners, turned by
 /// `turn` degrees.
-fn box_over(width: f32, corners: [Vec3; 2], turn: f32, angle: f32) -> Vec<u8> {
+fn boxes_over(width: f32, boxes: &[[Vec3; 2]], turn: f32, angle: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let ground = grid(
@@ -33,12 +33,13 @@ fn box_over(width: f32, corners: [Vec3; 2], turn: f32, angle: f32) -> Vec<u8> {
     );
     let mesh = b.mesh("ground", &[(&ground, black)]);
     b.node(Node::of_mesh("ground", mesh));
-    let [low, high] = corners;
-    let mesh = b.mesh("box", &[(&cuboid(low, high, 1), black)]);
-    b.node(Node {
-        rotation: Quat::from_rotation_y(turn.to_radians()),
-        ..Node::of_mesh("box", mesh)
-    });
+    for &[low, high] in boxes {
+        let mesh = b.mesh("box", &[(&cuboid(low, high, 1), black)]);
+        b.node(Node {
+            rotation: Quat::from_rotation_y(turn.to_radians()),
+            ..Node::of_mesh("box", mesh)
+        });
+    }
     let sun = b.light("sun", Light::Directional([LUX; 3]));
     b.light_json(sun)["extras"] = serde_json::json!({ "lumel": { "angle": angle } });
     b.node(Node {
@@ -102,10 +103,23 @@ fn no_lumel_is_half_in_the_sun() {
 #[test]
 fn a_strip_of_sun_is_narrower_than_a_lumel() {
     // The shadow ends at x = 1.92 m, and the ground three quarters of a lumel beyond.
-    let glb = box_over(4.0 + 1.92 + 0.15, hanging(), 0.0, 0.0);
+    let glb = boxes_over(4.0 + 1.92 + 0.15, &[hanging()], 0.0, 0.0);
     let [whole, cut] = [false, true].map(|cut| mixed(&bake(&glb, &settings(cut))));
     assert!(whole > 0.01, "{whole}");
     // With the strip left whole it is 0.0023.
+    assert!(cut < 0.001, "{cut}");
+}
+
+/// A slit of 3 lumels between two boards, and a bar across it, half a lumel wide.
+#[test]
+fn the_shadow_of_a_bar_is_as_long_as_its_window_is_high() {
+    let board = |x: [f32; 2], z: f32| [Vec3::new(x[0], 1.0, -z), Vec3::new(x[1], 1.01, z)];
+    let boards = [board([-1.5, -0.3], 1.0), board([0.3, 1.5], 1.0)];
+    let bar = board([-0.3, 0.3], 0.05);
+    let glb = boxes_over(8.0, &[boards[0], boards[1], bar], 25.0, 0.0);
+    let [whole, cut] = [false, true].map(|cut| mixed(&bake(&glb, &settings(cut))));
+    assert!(whole > 0.01, "{whole}");
+    // Without the edges of the bar it is 0.0016.
     assert!(cut < 0.001, "{cut}");
 }
 
@@ -114,7 +128,7 @@ fn a_strip_of_sun_is_narrower_than_a_lumel() {
 #[test]
 fn a_chart_of_shade_ends_where_a_growing_penumbra_does() {
     let wall = [Vec3::new(-1.0, 0.0, -0.05), Vec3::new(1.0, 3.0, 0.05)];
-    let glb = box_over(8.0, wall, 0.0, 2.0);
+    let glb = boxes_over(8.0, &[wall], 0.0, 2.0);
     let [whole, cut] = [false, true].map(|cut| bake(&glb, &settings(cut)));
     // Lumels that are mostly in the shade, and all the same get so much sun that a room would be
     // outshone.
