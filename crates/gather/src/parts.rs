@@ -12,9 +12,10 @@ use radiosity::{SurfacePoint, World};
 pub(crate) const LIFT: f32 = 0.15;
 
 /// Points with something less than this above them, in lumels, are not seen: a carpet that hovers
-/// by a millimetre, a lamp flush with the ceiling. Someone who looks along the surface at 20° sees
-/// 0.15 lumels into such a gap. Beside it, its darkness would be a dark line one lumel wide.
-pub(crate) const GAP: f32 = 0.05;
+/// by a millimetre, a lamp flush with the ceiling, a picture on a wall. Someone who looks along the
+/// surface at 20° sees a third of a lumel into such a gap. Beside it, its darkness would be a dark
+/// line one lumel wide.
+pub(crate) const GAP: f32 = 0.12;
 
 /// Number of points of a lumel that determine its parts. A part without any of them is smaller than
 /// about a sixteenth of the lumel.
