@@ -31,9 +31,9 @@ const AGREE: f32 = 2e4;
 /// seams stay 1.4 % apart.
 const AGREE_NARROW: f32 = 10.0;
 
-/// Light is continuous across a seam if one side has at most this many times the light of the other.
-/// Grids alone make less of a difference, where a dark corner is nearer to the texels of one side.
-/// Beyond it, one side is under something, as the top of a block where the next one stands on it.
+/// Light is continuous across a seam if one side has at most this many times the light of the
+/// other. Grids alone make less of a difference, where a dark corner is nearer to the texels of one
+/// side. Beyond it, one side is under something, as the top of a block where the next one stands on it.
 /// At 16, a black corner remained on a level of a kit; 3 changes nothing more that is seen.
 const CONTINUOUS: f32 = 6.0;
 
