@@ -33,8 +33,8 @@ const AGREE_NARROW: f32 = 10.0;
 
 /// Light is continuous across a seam if one side has at most this many times the light of the
 /// other. Grids alone make less of a difference, where a dark corner is nearer to the texels of one
-/// side. Beyond it, one side is under something, as the top of a block where the next one stands on it.
-/// At 16, a black corner remained on a level of a kit; 3 changes nothing more that is seen.
+/// side. Beyond it, one side is under something, as the top of a block where the next one stands on
+/// it. At 16, a black corner remained on a level of a kit; 3 changes nothing more that is seen.
 const CONTINUOUS: f32 = 6.0;
 
 /// G: weight of smooth changes against small ones. Changes fade out over √G texels. At 2, lumels
@@ -528,7 +528,7 @@ mod tests {
         // A difference that the grids may have made is taken out.
         let (least, apart) = after(0.4);
         assert!(least < 0.9 && apart < 0.05, "{least} {apart}");
-        // A thousandth for rounding; it would be 0.2.
+        // A thousandth for rounding; it would be 0.003.
         let (least, _) = after(0.01);
         assert!(least > 0.999, "{least}");
     }

@@ -141,8 +141,8 @@ impl Stretch {
         self.pieces.iter().map(of).sum::<f32>() / self.pieces.len() as f32
     }
 
-    /// How far behind the edge all shade is complete, metres: here at a place, and there per metre
-    /// along the edge. Penumbras grow with the distance from what casts them.
+    /// By place along the edge, how far behind it the shade is complete, metres. The line through
+    /// all pieces is moved behind the last: penumbras grow with the distance from what casts them.
     fn behind(&self) -> impl Fn(f32) -> f32 {
         let middle = self.mean(|p| p.at);
         let spread = self.mean(|p| (p.at - middle).powi(2));
@@ -469,6 +469,9 @@ fn without_loose_ends(
 ) -> Vec<(f32, Chosen)> {
     let is_long = |line: &(f32, Chosen)| line.1.length() >= SHORTEST * lumel;
     let (mut long, mut short): (Vec<_>, Vec<_>) = shadows.into_iter().partition(is_long);
+    // No more of them are kept, which bounds what each short one is compared with.
+    long.sort_by(|a, b| b.0.total_cmp(&a.0));
+    long.truncate(MOST_SHADOWS);
     let is_met = |p: &Vec3| {
         let mut others = long.iter().chain(walls);
         others.any(|(_, line)| line.distance(*p) <= GAP * lumel)
