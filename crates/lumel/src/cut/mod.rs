@@ -60,6 +60,14 @@ const SUNLIT_STRIP: f32 = 0.1;
 /// both of their ends are at other lines: the sides of the shadow of a window's bar.
 const SHORTEST: f32 = 4.0;
 
+/// Charts end where all of the shaded half of a penumbra is on the sun's side but this fraction,
+/// times the fourth root of the shade's light over the sun's. If they ended in the middle, the
+/// shade's lumels would hold a fifth of the penumbra's light, and in a room a hundredth of the sun
+/// doubles the light in the shade. With the root, lumels beside the widest penumbras get a sixth
+/// brighter there. If charts ended behind the penumbra, sunlit shapes would be too wide by half of
+/// it.
+const BEYOND: f32 = 0.65;
+
 /// Pieces of a shadow's edge that are this far apart at most, in lumels, are one; and a line ends
 /// at another that is as near.
 const GAP: f32 = 1.5;
@@ -103,8 +111,9 @@ struct Piece {
     /// Where along the edge its middle is, metres.
     at: f32,
     length: f32,
-    /// How far behind the edge the shade is complete, metres.
+    /// How far it is behind the line, and how far behind itself the shade is complete, metres.
     behind: f32,
+    penumbra: f32,
     /// Relative difference of the light.
     differ: f32,
 }
@@ -141,16 +150,22 @@ impl Stretch {
         self.pieces.iter().map(of).sum::<f32>() / self.pieces.len() as f32
     }
 
-    /// By place along the edge, how far behind it the shade is complete, metres. The line through
-    /// all pieces is moved behind the last: penumbras grow with the distance from what casts them.
+    /// By place along the edge, how far behind the line charts end, metres. This is at the end of
+    /// the last penumbra, but for a part of it. The ends are askew, as penumbras grow with the
+    /// distance from what casts them.
     fn behind(&self) -> impl Fn(f32) -> f32 {
+        // Elements in the penumbra differ less.
+        let differ = self.pieces.iter().map(|p| p.differ).fold(0.0, f32::max);
+        let shade = (1.0 - differ).max(0.0);
+        let sunny = 1.0 - BEYOND * shade.sqrt().sqrt();
+        let behind = |p: &Piece| p.behind + sunny * p.penumbra;
         let middle = self.mean(|p| p.at);
         let spread = self.mean(|p| (p.at - middle).powi(2));
         let slope = match spread > 0.0 {
-            true => self.mean(|p| (p.at - middle) * p.behind) / spread,
+            true => self.mean(|p| (p.at - middle) * behind(p)) / spread,
             false => 0.0,
         };
-        let above = (self.pieces.iter()).map(|p| p.behind - slope * (p.at - middle));
+        let above = (self.pieces.iter()).map(|p| behind(p) - slope * (p.at - middle));
         let level = above.fold(f32::NEG_INFINITY, f32::max);
         move |at| level + slope * (at - middle)
     }
@@ -253,8 +268,7 @@ impl Lines {
         }
     }
 
-    /// Adds a piece of a shadow's edge. Charts end where all of the shade is on one side of the
-    /// line: a hundredth of the sun would double the light in the shade.
+    /// Adds a piece of a shadow's edge.
     fn enter_shadow(&mut self, edge: &Edge, length: f32) {
         let ShadowEdge {
             at,
@@ -278,7 +292,8 @@ impl Lines {
             pieces.push(Piece {
                 at: line.normal.cross(edge.up).dot(at),
                 length,
-                behind: line.normal.dot(at) - line.offset + penumbra,
+                behind: line.normal.dot(at) - line.offset,
+                penumbra,
                 differ: edge.differ,
             });
         }
@@ -616,6 +631,7 @@ mod tests {
             at,
             length: 0.1,
             behind,
+            penumbra: 0.0,
             differ: 1.0,
         };
         // A centimetre a metre, give or take a millimetre, with a gap of half a metre.
@@ -637,5 +653,42 @@ mod tests {
         }
         let slope = behind(1.0) - behind(0.0);
         assert!((slope - 0.01).abs() < 1e-3, "{slope}");
+    }
+
+    /// Light of a penumbra from this place across it on, from 0 in its middle to 1: the integral of
+    /// the visible part of a disc.
+    fn light_beyond(place: f64) -> f64 {
+        let steps = 1000;
+        let width = (1.0 - place) / f64::from(steps);
+        let visible = |s: f64| 0.5 - (s.asin() + s * (1.0 - s * s).sqrt()) / std::f64::consts::PI;
+        let middles = (0..steps).map(|k| place + (f64::from(k) + 0.5) * width);
+        middles.map(visible).sum::<f64>() * width
+    }
+
+    #[test]
+    fn charts_of_shade_have_as_much_of_a_penumbra_as_they_stand() {
+        let end = |shade: f32| {
+            let piece = Piece {
+                at: 0.0,
+                length: 1.0,
+                behind: 0.0,
+                penumbra: 1.0,
+                differ: 1.0 - shade,
+            };
+            let stretch = &Stretch::all(vec![piece], 0.0)[0];
+            f64::from(stretch.behind()(0.0))
+        };
+        assert!((end(0.0) - 1.0).abs() < 1e-6, "nothing if it is black");
+        let mut before = 1.0;
+        for shade in [0.01, 0.1, 0.5, 0.9] {
+            let place = end(shade);
+            assert!(place < before, "the brighter, the more");
+            assert!(place > 0.0, "sunlit shapes are not too narrow: {place}");
+            // Of a penumbra that is as wide as may be, half of it on either side, in a lumel.
+            let sun = 0.5 * f64::from(shadows::SOFT) * light_beyond(place);
+            let brighter = sun * f64::from((1.0 - shade) / shade);
+            assert!(brighter < 0.2, "{brighter} where the shade has {shade}");
+            before = place;
+        }
     }
 }

@@ -12,7 +12,7 @@ use super::Level;
 
 /// Edges of shadows whose penumbra is wider than this, in lumels, are soft: a lumel that they cross
 /// shows them well.
-const SOFT: f32 = 0.75;
+pub(super) const SOFT: f32 = 0.75;
 
 /// A piece of the edge of a shadow.
 pub(super) struct Edge {
