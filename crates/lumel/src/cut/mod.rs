@@ -60,12 +60,12 @@ const SUNLIT_STRIP: f32 = 0.1;
 /// both of their ends are at other lines: the sides of the shadow of a window's bar.
 const SHORTEST: f32 = 4.0;
 
-/// Charts end where all of the shaded half of a penumbra is on the sun's side but this fraction,
-/// times the fourth root of the shade's light over the sun's. If they ended in the middle, the
-/// shade's lumels would hold a fifth of the penumbra's light, and in a room a hundredth of the sun
-/// doubles the light in the shade. With the root, lumels beside the widest penumbras get a sixth
-/// brighter there. If charts ended behind the penumbra, sunlit shapes would be too wide by half of
-/// it.
+/// Of the shaded half of a penumbra, this fraction times the fourth root of the shade's light over
+/// the sun's is left to charts of shade, and the rest to those of sun. If they met in the middle,
+/// the shade's lumels would hold a fifth of the penumbra's light, and in a room a hundredth of the
+/// sun doubles the light in the shade. With the root, lumels beside the widest penumbras get a
+/// sixth brighter there. If they met behind the penumbra, sunlit shapes would be too wide by half
+/// of it.
 const BEYOND: f32 = 0.65;
 
 /// Pieces of a shadow's edge that are this far apart at most, in lumels, are one; and a line ends
@@ -111,8 +111,9 @@ struct Piece {
     /// Where along the edge its middle is, metres.
     at: f32,
     length: f32,
-    /// How far it is behind the line, and how far behind itself the shade is complete, metres.
+    /// How far it is behind the line, metres.
     behind: f32,
+    /// How far behind the piece the shade is complete, metres.
     penumbra: f32,
     /// Relative difference of the light.
     differ: f32,
@@ -150,11 +151,11 @@ impl Stretch {
         self.pieces.iter().map(of).sum::<f32>() / self.pieces.len() as f32
     }
 
-    /// By place along the edge, how far behind the line charts end, metres. This is at the end of
-    /// the last penumbra, but for a part of it. The ends are askew, as penumbras grow with the
-    /// distance from what casts them.
+    /// By place along the edge, how far behind the line charts end, metres: where the penumbras of
+    /// all pieces do, less [a part of them](BEYOND). It changes along the edge, as penumbras grow
+    /// with the distance from what casts them.
     fn behind(&self) -> impl Fn(f32) -> f32 {
-        // Elements in the penumbra differ less.
+        // Elements in the penumbra differ less, so the largest difference is that of sun and shade.
         let differ = self.pieces.iter().map(|p| p.differ).fold(0.0, f32::max);
         let shade = (1.0 - differ).max(0.0);
         let sunny = 1.0 - BEYOND * shade.sqrt().sqrt();
@@ -666,7 +667,7 @@ mod tests {
     }
 
     #[test]
-    fn charts_of_shade_have_as_much_of_a_penumbra_as_they_stand() {
+    fn the_brighter_the_shade_the_more_of_a_penumbra_is_left_in_it() {
         let end = |shade: f32| {
             let piece = Piece {
                 at: 0.0,
