@@ -158,14 +158,19 @@ fn a_wall_without_thickness_shows_the_light_of_both_rooms() {
 
 #[test]
 fn a_wardrobe_against_a_wall_of_a_dark_room_leaves_it_two_sides() {
-    // A centimetre off, before four fifths of the wall.
-    let wardrobe = cuboid(Vec3::new(0.01, 0.0, 0.1), Vec3::new(0.6, 1.8, 1.9), 1).bare();
-    let baked = bake(
-        &wall_and_furniture([5.0, 0.01], Some(&wardrobe)),
-        &settings(),
-    );
-    let [left, right] = [-1.0, 1.0].map(|x| mean_facing(&baked, "wall", glam::DVec3::X * x));
-    assert!(left > 100.0 * right, "{left} {right}");
+    // A centimetre off, before four fifths of the wall, and flush with half of it.
+    for (from, to) in [
+        (Vec3::new(0.01, 0.0, 0.1), Vec3::new(0.6, 1.8, 1.9)),
+        (Vec3::new(0.0, 0.0, 0.4), Vec3::new(0.6, 1.6, 1.6)),
+    ] {
+        let wardrobe = cuboid(from, to, 1).bare();
+        let baked = bake(
+            &wall_and_furniture([5.0, 0.01], Some(&wardrobe)),
+            &settings(),
+        );
+        let [left, right] = [-1.0, 1.0].map(|x| mean_facing(&baked, "wall", glam::DVec3::X * x));
+        assert!(left > 100.0 * right, "{left} {right}");
+    }
 }
 
 #[test]

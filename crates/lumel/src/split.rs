@@ -5,9 +5,11 @@
 //! side. The outside of a room's shell, or the inside of a box, needs no lumels of its own.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use glam::Vec3;
 use mesh_ingest::{Loaded, Scene, TriangleSource};
+use patch_subdivision::PatchId;
 use radiosity::{Incoming, Solution, World, cosine_hemisphere, luminance, sample_4d};
 
 use crate::named::{node_of, some_of};
@@ -43,14 +45,14 @@ struct Side {
     rays: Rays,
 }
 
-/// What rays from a side hit.
+/// What rays from a side hit, as the areas that the rays stand for.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Rays {
-    all: u32,
+    all: f32,
     /// The front of something beyond what touches the sheet.
-    fronts: u32,
-    /// Something that touches the sheet.
-    near: u32,
+    fronts: f32,
+    /// Something that touches the sheet, or nothing: the place is in a body that covers the sheet.
+    near: f32,
 }
 
 impl Side {
@@ -68,8 +70,8 @@ impl Side {
 impl Rays {
     fn are_inside(&self, dark: bool) -> bool {
         let left = self.all - self.near;
-        let surrounded = !dark || self.fronts as f32 >= INSIDE_IN_THE_DARK * left as f32;
-        self.fronts as f32 >= INSIDE * self.all as f32 && left > 0 && surrounded
+        let surrounded = !dark || self.fronts >= INSIDE_IN_THE_DARK * left;
+        self.fronts >= INSIDE * self.all && left > 0.0 && surrounded
     }
 }
 
@@ -154,10 +156,12 @@ fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u3
         };
         let of = &mut sides[usize::from(patch.back)];
         let touching = TOUCHING * of.area.sqrt();
-        of.rays.all += RAYS;
+        of.rays.all += patch.area;
         // Nobody is in a body, whatever else lies in it.
-        if !patch.hidden {
-            cast(world, patch.triangle, patch.back, touching, &mut of.rays);
+        if patch.hidden {
+            of.rays.near += patch.area;
+        } else {
+            cast(world, solution, patch, touching, &mut of.rays);
         }
     });
     let mean = luminance(solution.mean_irradiance().as_vec3());
@@ -178,19 +182,18 @@ pub(crate) fn note(scene: &Scene, split: &BTreeSet<(usize, usize)>) -> Option<St
     })
 }
 
-/// Adds what [`RAYS`] from a side of a triangle hit.
-fn cast(world: &World, triangle: u32, back: bool, touching: f32, rays: &mut Rays) {
-    for k in 0..RAYS {
-        let s = sample_4d(k, 0, triangle);
-        let (u, v) = match s[2] + s[3] > 1.0 {
-            true => (1.0 - s[2], 1.0 - s[3]),
-            false => (s[2], s[3]),
-        };
-        let p = world.inset_point(triangle, u, v, back, false);
+/// Adds what [`RAYS`] from the elements of a patch, in turn, hit.
+fn cast(world: &World, solution: &Solution, patch: &SidePatch, touching: f32, rays: &mut Rays) {
+    let elements = &solution.cut.elements()[patch.elements.clone()];
+    let area = patch.area / RAYS as f32;
+    for (k, e) in (0..RAYS).zip(elements.iter().cycle()) {
+        let s = sample_4d(k, 0, patch.elements.start as u32);
+        let p = world.inset_point(e.triangle, e.u, e.v, patch.back, false);
         let toward = cosine_hemisphere(p.normal, s[0], s[1]);
-        if let Incoming::Surface(hit) = world.incoming(p.origin, toward).0 {
-            rays.near += u32::from(hit.t <= touching);
-            rays.fronts += u32::from(!hit.back && hit.t > touching);
+        match world.incoming(p.origin, toward).0 {
+            Incoming::Surface(hit) if hit.t <= touching => rays.near += area,
+            Incoming::Surface(hit) if !hit.back => rays.fronts += area,
+            _ => {}
         }
     }
 }
@@ -198,6 +201,8 @@ fn cast(world: &World, triangle: u32, back: bool, touching: f32, rays: &mut Rays
 /// A patch of a double-sided face.
 pub(crate) struct SidePatch<'a> {
     pub source: &'a TriangleSource,
+    /// Its elements.
+    pub elements: Range<usize>,
     /// A triangle of it, in the soup.
     pub triangle: u32,
     /// Whether it is on the back.
@@ -221,6 +226,7 @@ pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut
         }
         take(&SidePatch {
             source: &soup.sources[triangle as usize],
+            elements: cut.elements_of(PatchId(i as u32)),
             triangle,
             back: patch.back,
             hidden: patch.hidden,
@@ -259,18 +265,18 @@ mod tests {
     #[test]
     fn a_wardrobe_against_a_wall_of_a_dark_room_leaves_it_a_room() {
         let rays = |fronts, near| Rays {
-            all: 100,
+            all: 100.0,
             fronts,
             near,
         };
-        assert!(rays(38, 62).are_inside(true));
+        assert!(rays(38.0, 62.0).are_inside(true));
         // A shell's outside, which sees the ground, and a crate with another one through its side.
-        assert!(!rays(38, 0).are_inside(true));
-        assert!(!rays(49, 12).are_inside(true));
+        assert!(!rays(38.0, 0.0).are_inside(true));
+        assert!(!rays(49.0, 12.0).are_inside(true));
         // The back of a picture.
-        assert!(!rays(5, 95).are_inside(false));
-        assert!(!rays(5, 95).are_inside(true));
-        assert!(rays(38, 0).are_inside(false));
-        assert!(!rays(0, 100).are_inside(false));
+        assert!(!rays(5.0, 95.0).are_inside(false));
+        assert!(!rays(5.0, 95.0).are_inside(true));
+        assert!(rays(38.0, 0.0).are_inside(false));
+        assert!(!rays(0.0, 100.0).are_inside(false));
     }
 }
