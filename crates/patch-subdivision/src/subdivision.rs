@@ -274,8 +274,11 @@ impl Subdivision {
     /// Nominal edge length of the patches around `triangle`, metres.
     pub fn patch_edge(&self, triangle: u32) -> f32 {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
-        let [x, y] = region.frame.axes;
-        1.0 / x.length().min(y.length())
+        // A surface hardly wider than a line has cells along one axis only.
+        let edges = (region.frame.axes.into_iter())
+            .filter(|axis| *axis != Vec3::ZERO)
+            .map(|axis| 1.0 / axis.length());
+        edges.fold(0.0, f32::max)
     }
 
     /// Patch and element of the point `p` on `triangle`, on its back if `back`. `None` on the back

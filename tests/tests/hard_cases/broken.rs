@@ -18,9 +18,14 @@ fn floor(extra: &[[u32; 3]]) -> Vec<u8> {
         .collect();
     g.colors = vec![Vec4::ONE; n];
     g.triangles.extend_from_slice(extra);
+    sunlit(&g)
+}
+
+/// A mesh named floor under that sun.
+fn sunlit(floor: &Geometry) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
-    let mesh = b.mesh("floor", &[(&g, black)]);
+    let mesh = b.mesh("floor", &[(floor, black)]);
     b.node(Node::of_mesh("floor", mesh));
     let sun = b.light("sun", Light::Directional([2.0; 3]));
     b.node(Node {
@@ -139,6 +144,21 @@ fn faces_without_area_are_dropped_and_counted() {
     let dropped: u64 = counts.values().sum::<u64>() + b.report.dropped_triangles[0];
     assert!(dropped >= 3, "{counts:?}");
     sound(&b, -1.0);
+}
+
+#[test]
+fn a_strip_a_micrometre_wide_is_a_surface() {
+    // In steps of the width of 2 m down to a ten millionth.
+    for width in [2e-4, 2e-6, 2e-7] {
+        let mut g: Geometry = grid(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0, [4, 4]);
+        g.append(&grid(
+            Vec3::new(1.0, 0.3, 0.0),
+            Vec3::Z * 2.0,
+            Vec3::X * width,
+            [1, 1],
+        ));
+        sound(&try_bake(&sunlit(&g)).expect("sound"), 1.3);
+    }
 }
 
 #[test]
