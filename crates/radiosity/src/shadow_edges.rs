@@ -11,9 +11,9 @@ use crate::world::{SurfacePoint, World, luminance};
 /// Halvings of the distance between a lit and a shaded point: to a thousandth of it.
 const HALVINGS: u32 = 10;
 
-/// A shadow's edge belongs to an edge of a triangle that is at most this far from it, as a fraction
-/// of the distance between the lit and the shaded point.
-const OFF: f32 = 0.02;
+/// Rays towards a sun begin this many of their [offsets](World::offset) above a surface, as points
+/// on it are computed.
+const LIFTED: f32 = 4.0;
 
 /// A sun stands at least this high above a surface (sine).
 const GRAZING: f32 = 0.05;
@@ -30,6 +30,41 @@ struct Sun {
     toward: Vec3,
     /// Angular diameter, radians.
     width: f32,
+}
+
+/// A triangle that ends a sun's light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Caster {
+    sun: u32,
+    /// Of the soup.
+    triangle: u32,
+}
+
+/// A flat surface on which shadows are cast.
+#[derive(Debug, Clone, Copy)]
+pub struct Ground {
+    /// A point of its plane, metres.
+    pub on: Vec3,
+    /// Unit normal of the side that is looked at.
+    pub up: Vec3,
+}
+
+impl Ground {
+    fn height(&self, p: Vec3) -> f32 {
+        self.up.dot(p - self.on)
+    }
+}
+
+/// The shadow of an edge of a triangle on a surface, as far as it may be the edge of a shadow.
+#[derive(Debug, Clone, Copy)]
+pub struct Outline {
+    sun: u32,
+    /// Its ends, metres.
+    pub ends: [Vec3; 2],
+    /// Unit normal in the plane of the surface.
+    pub normal: Vec3,
+    /// Width of a penumbra across it, by the distance from what casts it.
+    wider: f32,
 }
 
 /// A point of a shadow's edge.
@@ -104,25 +139,18 @@ impl Suns {
         })
     }
 
-    /// The edges of shadows between two points on a flat surface, if straight edges of triangles
-    /// cast them, with penumbras of at most `soft` metres.
-    pub fn edges(&self, world: &World, ends: &[SurfacePoint; 2], soft: f32) -> Vec<ShadowEdge> {
-        let edges = self
-            .suns
-            .iter()
-            .map(|sun| self.edge(world, sun, ends, soft));
-        edges.flatten().collect()
+    /// What casts the edges of shadows between two points on a flat surface, with penumbras of at
+    /// most `soft` metres.
+    pub fn casters(&self, world: &World, ends: &[SurfacePoint; 2], soft: f32) -> Vec<Caster> {
+        let casters = (0u32..)
+            .zip(&self.suns)
+            .filter_map(|(k, sun)| Some((k, self.caster(world, sun, ends, soft)?)));
+        let casters = casters.map(|(sun, triangle)| Caster { sun, triangle });
+        casters.collect()
     }
 
-    fn edge(
-        &self,
-        world: &World,
-        sun: &Sun,
-        ends: &[SurfacePoint; 2],
-        soft: f32,
-    ) -> Option<ShadowEdge> {
-        let up = ends[0].geometric;
-        if up.dot(sun.toward) < GRAZING {
+    fn caster(&self, world: &World, sun: &Sun, ends: &[SurfacePoint; 2], soft: f32) -> Option<u32> {
+        if ends[0].geometric.dot(sun.toward) < GRAZING {
             return None;
         }
         let [a, b] = ends.map(|p| p.origin);
@@ -140,30 +168,70 @@ impl Suns {
             }
         }
         let (triangle, distance) = hit;
-        if distance * sun.width > soft {
-            return None;
+        (distance * sun.width <= soft).then_some(triangle)
+    }
+
+    /// The shadows of the edges of a triangle on a surface.
+    pub fn outlines(&self, world: &World, caster: Caster, ground: &Ground) -> Vec<Outline> {
+        let toward = self.suns[caster.sun as usize].toward;
+        let climb = ground.up.dot(toward);
+        if climb < GRAZING {
+            return Vec::new();
         }
-        let at = lit.midpoint(shaded);
-        let corners = world.soup.triangles[triangle as usize];
-        // The planes through the sun and each edge of the triangle.
-        let planes = [0, 1, 2].map(|k| {
-            let (from, to) = (corners[k], corners[(k + 1) % 3]);
-            let plane = (to - from).cross(sun.toward).normalize_or_zero();
-            (plane.dot(at - from), plane)
+        let corners = world.soup.triangles[caster.triangle as usize];
+        let outlines = [[0, 1], [1, 2], [2, 0]].into_iter().filter_map(|ends| {
+            // Of an edge that goes through the surface, the part above it.
+            let [(a, low), (b, high)] = {
+                let mut ends = ends.map(|k| (corners[k], ground.height(corners[k])));
+                ends.sort_by(|a, b| a.1.total_cmp(&b.1));
+                ends
+            };
+            if high <= 0.0 {
+                return None;
+            }
+            let (a, low) = match low < 0.0 {
+                true => (a.lerp(b, low / (low - high)), 0.0),
+                false => (a, low),
+            };
+            let ends = [(a, low), (b, high)].map(|(p, height)| p - toward * (height / climb));
+            let across = (b - a).cross(toward).normalize_or_zero();
+            let level = across - ground.up * across.dot(ground.up);
+            let length = level.length();
+            (length >= GRAZING).then(|| Outline {
+                sun: caster.sun,
+                ends,
+                normal: level / length,
+                wider: 1.0 / length,
+            })
         });
-        let (off, plane) = (planes.into_iter())
-            .filter(|p| p.1 != Vec3::ZERO)
-            .min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
-        let level = plane - up * plane.dot(up);
-        let length = level.length();
-        if off.abs() > OFF * a.distance(b) || length < GRAZING {
-            return None;
-        }
-        let level = level / length;
-        Some(ShadowEdge {
-            at: at - level * (off / length),
-            normal: level * level.dot(shaded - lit).signum(),
-            penumbra: 0.5 * distance * sun.width / length,
+        outlines.collect()
+    }
+
+    /// The edge of a shadow at a point of an outline, if it is one: steps of `beside` metres to
+    /// either side part sun and shade, and so does the penumbra, which is at most `soft` metres
+    /// wide.
+    pub fn edge(
+        &self,
+        world: &World,
+        (outline, at): (&Outline, Vec3),
+        ground: &Ground,
+        [beside, soft]: [f32; 2],
+    ) -> Option<ShadowEdge> {
+        let sun = &self.suns[outline.sun as usize];
+        let blocker = |p: Vec3| {
+            let lifted = p + ground.up * (LIFTED * world.offset(p));
+            self.blocker(world, sun, lifted)
+        };
+        let step = outline.normal * beside;
+        let (normal, distance) = match [blocker(at + step), blocker(at - step)] {
+            [Some((_, distance)), None] => (outline.normal, distance),
+            [None, Some((_, distance))] => (-outline.normal, distance),
+            _ => return None,
+        };
+        (distance * sun.width <= soft).then_some(ShadowEdge {
+            at,
+            normal,
+            penumbra: 0.5 * distance * sun.width * outline.wider,
         })
     }
 
@@ -224,32 +292,44 @@ mod tests {
         }
     }
 
-    #[test]
-    fn an_edge_lies_where_the_plane_through_it_and_the_sun_does() {
-        // 2 m below the edge at x = 0.3, a slope of 1 : 2 moves the shadow by 1 m to x = −0.7.
-        let edges = |angle, from, to, soft| {
-            with(angle, |world, suns| {
-                suns.edges(world, &[on(from), on(to)], soft)
-            })
+    /// The edges of shadows between two places along the middle of the plane, as they are met along
+    /// outlines in steps of a tenth.
+    fn edges(angle: f32, from: f32, to: f32, soft: f32) -> Vec<ShadowEdge> {
+        let ground = Ground {
+            on: Vec3::ZERO,
+            up: Vec3::Z,
         };
+        with(angle, |world, suns| {
+            let casters = suns.casters(world, &[on(from), on(to)], soft);
+            let outlines =
+                (casters.into_iter()).flat_map(|caster| suns.outlines(world, caster, &ground));
+            let points = outlines.flat_map(|o| {
+                (0..10u8).map(move |k| (o, o.ends[0].lerp(o.ends[1], 0.1 * f32::from(k) + 0.05)))
+            });
+            points
+                .filter_map(|(o, at)| suns.edge(world, (&o, at), &ground, [1e-3, soft]))
+                .collect()
+        })
+    }
+
+    #[test]
+    fn edges_lie_where_the_plane_through_an_edge_and_the_sun_does() {
+        // 2 m below the edge at x = 0.3, a slope of 1 : 2 moves the shadow by 1 m to x = −0.7.
         for (from, to) in [(-1.0, -0.4), (-0.4, -1.0)] {
-            let [edge] = edges(0.0, from, to, 0.1)[..] else {
-                panic!("one edge");
-            };
-            assert!((edge.at.x + 0.7).abs() < 1e-3, "{edge:?}");
-            assert!(
-                (edge.normal + Vec3::X).length() < 1e-5,
-                "into the shade: {edge:?}"
-            );
+            let edges = edges(0.0, from, to, 0.1);
+            // Of the plate's triangle there, an edge of the plate, 18 m long, and maybe another,
+            // whose shadow is beside the ground; its diagonal casts none.
+            assert!(edges.len() >= 10, "{edges:?}");
+            for edge in &edges {
+                let right = edge.at.x + 0.7 < 1e-3 && edge.normal.x < -0.999;
+                assert!(right || edge.at.y.abs() > 8.99, "into the shade: {edge:?}");
+            }
         }
         assert!(edges(0.0, -0.6, -0.1, 0.1).is_empty(), "both are lit");
         assert!(edges(0.0, -0.8, -1.5, 0.1).is_empty(), "both are shaded");
         // The sun's disc of 0.02 rad is 4.5 cm wide at the distance of √5 m, and 5 cm on the plane.
-        let [edge] = edges(0.01, -1.0, -0.4, 0.1)[..] else {
-            panic!("one edge");
-        };
-        assert!((edge.at.x + 0.7).abs() < 1e-3, "{edge:?}");
-        assert!((edge.penumbra - 0.025).abs() < 1e-3, "{edge:?}");
+        let soft = edges(0.01, -1.0, -0.4, 0.1);
+        assert!((soft[0].penumbra - 0.025).abs() < 1e-3, "{soft:?}");
         assert!(edges(0.01, -1.0, -0.4, 0.03).is_empty(), "too soft");
     }
 

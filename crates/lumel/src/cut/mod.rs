@@ -13,10 +13,10 @@ use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
 use patch_subdivision::PatchId;
-use radiosity::{ShadowEdge, Solution, SurfacePoint, World, luminance};
+use radiosity::{Ground, Solution, SurfacePoint, World, luminance};
 
 use crate::named::{node_of, some_of};
-use shadows::Edge;
+use shadows::{Edge, Shaded};
 use walls::{Found, Wall};
 
 /// Relative difference of the light on two sides from which a piece of a line counts.
@@ -37,6 +37,9 @@ const MOST_COPIED: usize = 1_000;
 /// Light below this fraction of the scene's mean is not told from black.
 const BLACK: f32 = 0.02;
 
+/// Whether a point is on a surface is looked for within this many of its [offsets](World::offset).
+const LIFTED: f32 = 8.0;
+
 /// Lines are the same if they are parallel within this sine …
 const PARALLEL: f32 = 0.03;
 
@@ -56,10 +59,6 @@ const STRIP: f32 = 1.5;
 /// whole lumel, as along the top of a wall.
 const SUNLIT_STRIP: f32 = 0.1;
 
-/// Shorter edges of shadows, in lumels, are not worth it, as they are blurred at their ends, unless
-/// both of their ends are at other lines: the sides of the shadow of a window's bar.
-const SHORTEST: f32 = 4.0;
-
 /// Of the shaded half of a penumbra, this fraction times the fourth root of the shade's light over
 /// the sun's is left to charts of shade, and the rest to those of sun. If they met in the middle,
 /// the shade's lumels would hold a fifth of the penumbra's light, and in a room a hundredth of the
@@ -68,8 +67,7 @@ const SHORTEST: f32 = 4.0;
 /// of it.
 const BEYOND: f32 = 0.65;
 
-/// Pieces of a shadow's edge that are this far apart at most, in lumels, are one; and a line ends
-/// at another that is as near.
+/// Pieces of a shadow's edge that are this far apart at most, in lumels, are one.
 const GAP: f32 = 1.5;
 
 /// Most walls on a surface, the most visible first: each can double the number of its charts.
@@ -161,11 +159,9 @@ impl Stretch {
         let sunny = 1.0 - BEYOND * shade.sqrt().sqrt();
         let behind = |p: &Piece| p.behind + sunny * p.penumbra;
         let middle = self.mean(|p| p.at);
-        let spread = self.mean(|p| (p.at - middle).powi(2));
-        let slope = match spread > 0.0 {
-            true => self.mean(|p| (p.at - middle) * behind(p)) / spread,
-            false => 0.0,
-        };
+        // That of pieces with a length, so that two in one place are not steep.
+        let spread = self.mean(|p| (p.at - middle).powi(2) + p.length * p.length / 12.0);
+        let slope = self.mean(|p| (p.at - middle) * behind(p)) / spread;
         let above = (self.pieces.iter()).map(|p| behind(p) - slope * (p.at - middle));
         let level = above.fold(f32::NEG_INFINITY, f32::max);
         move |at| level + slope * (at - middle)
@@ -225,6 +221,21 @@ impl<'l> Level<'l> {
         (differ > DIFFERENT).then_some(differ)
     }
 
+    /// Whether a point of the plane of a triangle is on its surface, where somebody may see it.
+    fn is_on(&self, p: Vec3, triangle: u32, ground: &Ground) -> bool {
+        let cut = &self.solution.cut;
+        let lift = ground.up * (LIFTED * self.world.offset(p));
+        let hit = self.world.first_between(p + lift, p - lift);
+        let same = hit.is_some_and(|hit| cut.region_of(hit.triangle) == cut.region_of(triangle));
+        let point = || SurfacePoint {
+            position: p,
+            origin: p + lift,
+            normal: ground.up,
+            geometric: ground.up,
+        };
+        same && !self.world.inside_a_body(&point())
+    }
+
     /// The points of two elements of one side of a surface.
     fn points(&self, pair: [u32; 2]) -> [SurfacePoint; 2] {
         let back = self.back[pair[0] as usize];
@@ -269,34 +280,32 @@ impl Lines {
         }
     }
 
-    /// Adds a piece of a shadow's edge.
-    fn enter_shadow(&mut self, edge: &Edge, length: f32) {
-        let ShadowEdge {
-            at,
-            normal,
-            penumbra,
-        } = edge.edge;
+    /// Adds the edge of a shadow on a surface with this normal of its front.
+    fn enter_shadow(&mut self, edge: &Edge, up: Vec3) {
+        let Shaded { lumel, .. } = edge.on;
         let new = || Line {
-            normal,
-            offset: normal.dot(at),
+            normal: edge.normal,
+            offset: edge.normal.dot(edge.ends[0]),
             cause: Cause::Shadow(Vec::new()),
-            triangle: edge.triangle,
+            triangle: edge.on.triangle,
         };
         let same = |l: &Line| {
-            l.is_along(normal, at, edge.lumel)
-                && !(matches!(l.cause, Cause::Shadow(_)) && l.normal.dot(normal) < 0.0)
+            let is_along = |&at: &Vec3| l.is_along(edge.normal, at, lumel);
+            edge.ends.iter().all(is_along)
+                && !(matches!(l.cause, Cause::Shadow(_)) && l.normal.dot(edge.normal) < 0.0)
         };
         // Along a wall, the wall decides.
         if let Some(line) = self.find_or_add(same, new)
             && let Cause::Shadow(pieces) = &mut line.cause
         {
-            pieces.push(Piece {
-                at: line.normal.cross(edge.up).dot(at),
-                length,
-                behind: line.normal.dot(at) - line.offset,
-                penumbra,
-                differ: edge.differ,
-            });
+            let along = line.normal.cross(up);
+            pieces.extend(edge.points.iter().map(|point| Piece {
+                at: along.dot(point.at),
+                length: edge.step,
+                behind: line.normal.dot(point.at) - line.offset,
+                penumbra: point.penumbra,
+                differ: edge.on.differ,
+            }));
         }
     }
 
@@ -328,26 +337,19 @@ impl Line {
     /// The lines where charts should end, on a surface with these lumels and points, with how
     /// visible they are.
     fn chosen(self, lumel: f32, world: &World, points: &[Vec3]) -> Vec<(f32, Chosen)> {
-        let far = |side: f32| {
-            let beyond = points
-                .iter()
-                .map(|p| side * (self.normal.dot(*p) - self.offset));
-            beyond.fold(0.0, f32::max)
-        };
-        let strip = match self.cause {
-            Cause::Wall { .. } => STRIP,
-            Cause::Shadow(_) => SUNLIT_STRIP,
-        };
-        if far(1.0).min(far(-1.0)) <= strip * lumel {
-            return Vec::new();
-        }
         match self.cause {
             Cause::Wall {
                 length,
                 weight,
                 sides,
             } => {
-                let worth = is_worth_it(length, weight / length, lumel);
+                let far = |side: f32| {
+                    let beyond =
+                        (points.iter()).map(|p| side * (self.normal.dot(*p) - self.offset));
+                    beyond.fold(0.0, f32::max)
+                };
+                let worth = is_worth_it(length, weight / length, lumel)
+                    && far(1.0).min(far(-1.0)) > STRIP * lumel;
                 let seen = sides.iter().all(Found::is_seen);
                 let line = Chosen {
                     normal: self.normal,
@@ -395,24 +397,6 @@ struct Chosen {
     triangle: u32,
 }
 
-impl Chosen {
-    /// Metres.
-    fn length(&self) -> f32 {
-        self.ends.map_or(f32::INFINITY, |[a, b]| a.distance(b))
-    }
-
-    /// Of a point of the surface from the line, metres.
-    fn distance(&self, p: Vec3) -> f32 {
-        match self.ends {
-            None => (self.normal.dot(p) - self.offset).abs(),
-            Some([a, b]) => {
-                let t = (p - a).dot(b - a) / (b - a).length_squared();
-                p.distance(a.lerp(b, t.clamp(0.0, 1.0)))
-            }
-        }
-    }
-}
-
 /// Whether a line is noticed. Where the light differs more, shorter lines are.
 fn is_worth_it(length: f32, differ: f32, lumel: f32) -> bool {
     let stark = differ / NOTICED;
@@ -436,10 +420,9 @@ pub(crate) fn wanted(
         }
     }
     for edge in shadows::find(&level) {
-        if let Some(region) = cut.region_of(edge.triangle) {
-            // A slanted line parts up to 1.4 pairs for each element along it.
-            let length = 0.2 * cut.patch_edge(edge.triangle);
-            lines.entry(region).or_default().enter_shadow(&edge, length);
+        if let Some(region) = cut.region_of(edge.on.triangle) {
+            let up = world.soup.normals[edge.on.triangle as usize];
+            lines.entry(region).or_default().enter_shadow(&edge, up);
         }
     }
     let points = visible_points(solution, world, &lines);
@@ -448,7 +431,6 @@ pub(crate) fn wanted(
     let mut cuts = Vec::new();
     for (region, Lines(found)) in lines {
         let (mut walls, mut shadows) = (Vec::new(), Vec::new());
-        let mut lumel_here = 0.0f32;
         for line in found {
             let to = match line.cause {
                 Cause::Wall { .. } => &mut walls,
@@ -456,10 +438,8 @@ pub(crate) fn wanted(
             };
             if let Some(lumel) = level.lumel_of(line.triangle) {
                 to.extend(line.chosen(lumel, world, &points[&region]));
-                lumel_here = lumel_here.max(lumel);
             }
         }
-        let mut shadows = without_loose_ends(shadows, &walls, lumel_here);
         for (lines, most) in [(&mut walls, MOST_WALLS), (&mut shadows, MOST_SHADOWS)] {
             // Stable, so of equal lines the first found stays first.
             lines.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -474,27 +454,6 @@ pub(crate) fn wanted(
         }
     }
     cuts
-}
-
-/// Of the edges of shadows on a surface with these lumels, those that are long, or that end at long
-/// ones or at walls on both sides.
-fn without_loose_ends(
-    shadows: Vec<(f32, Chosen)>,
-    walls: &[(f32, Chosen)],
-    lumel: f32,
-) -> Vec<(f32, Chosen)> {
-    let is_long = |line: &(f32, Chosen)| line.1.length() >= SHORTEST * lumel;
-    let (mut long, mut short): (Vec<_>, Vec<_>) = shadows.into_iter().partition(is_long);
-    // No more of them are kept, which bounds what each short one is compared with.
-    long.sort_by(|a, b| b.0.total_cmp(&a.0));
-    long.truncate(MOST_SHADOWS);
-    let is_met = |p: &Vec3| {
-        let mut others = long.iter().chain(walls);
-        others.any(|(_, line)| line.distance(*p) <= GAP * lumel)
-    };
-    short.retain(|(_, line)| line.ends.is_some_and(|ends| ends.iter().all(is_met)));
-    long.append(&mut short);
-    long
 }
 
 /// By triangle, those that coincide with it, of meshes that can be cut.
