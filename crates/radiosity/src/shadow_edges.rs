@@ -208,14 +208,15 @@ impl Suns {
     }
 
     /// The edge of a shadow at a point of an outline, if it is one: steps of `beside` metres to
-    /// either side part sun and shade, and so does the penumbra, which is at most `soft` metres
-    /// wide.
+    /// either side part sun and shade. Both are `strip` metres wide at least, and the sun is as wide
+    /// as half of the penumbra, which is at most `soft` metres wide: light through a slit is
+    /// none.
     pub fn edge(
         &self,
         world: &World,
         (outline, at): (&Outline, Vec3),
         ground: &Ground,
-        [beside, soft]: [f32; 2],
+        [beside, strip, soft]: [f32; 3],
     ) -> Option<ShadowEdge> {
         let sun = &self.suns[outline.sun as usize];
         let blocker = |p: Vec3| {
@@ -228,10 +229,14 @@ impl Suns {
             [None, Some((_, distance))] => (-outline.normal, distance),
             _ => return None,
         };
-        (distance * sun.width <= soft).then_some(ShadowEdge {
+        let penumbra = 0.5 * distance * sun.width * outline.wider;
+        let parts = distance * sun.width <= soft
+            && blocker(at - normal * penumbra.max(strip)).is_none()
+            && blocker(at + normal * strip).is_some();
+        parts.then_some(ShadowEdge {
             at,
             normal,
-            penumbra: 0.5 * distance * sun.width * outline.wider,
+            penumbra,
         })
     }
 
@@ -307,7 +312,7 @@ mod tests {
                 (0..10u8).map(move |k| (o, o.ends[0].lerp(o.ends[1], 0.1 * f32::from(k) + 0.05)))
             });
             points
-                .filter_map(|(o, at)| suns.edge(world, (&o, at), &ground, [1e-3, soft]))
+                .filter_map(|(o, at)| suns.edge(world, (&o, at), &ground, [1e-3, 0.01, soft]))
                 .filter(|edge| edge.at.y.abs() < 8.9)
                 .collect()
         })

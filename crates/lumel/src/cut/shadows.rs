@@ -148,12 +148,12 @@ fn along(
     };
     let length = ends[0].distance(ends[1]);
     let count = ((POINTS * length / on.lumel).ceil() as usize).clamp(1, MOST_POINTS);
-    let reach = [BESIDE, SOFT].map(|lumels| lumels * on.lumel);
+    let reach = [BESIDE, SUNLIT_STRIP, SOFT].map(|lumels| lumels * on.lumel);
     let is_on = |p: Vec3| level.is_on(p, on.triangle, &on.ground);
     let points = (0..count).filter_map(|k| {
         let at = ends[0].lerp(ends[1], (k as f32 + 0.5) / count as f32);
         let edge = suns.edge(level.world, (outline, at), &on.ground, reach)?;
-        let strip = edge.normal * (SUNLIT_STRIP * on.lumel);
+        let strip = edge.normal * reach[1];
         (is_on(at - strip) && is_on(at + strip)).then_some(edge)
     });
     let (one, other): (Vec<_>, Vec<_>) = points.partition(|p| p.normal == outline.normal);
