@@ -255,8 +255,8 @@ mod tests {
     use mesh_ingest::{Scene, Soup};
 
     /// A plate at z = 2 over x < 0.3, above the plane z = 0, under a sun of this angular radius
-    /// that stands above +x at a slope of 1 : 2.
-    fn plate(angle: f32) -> Scene {
+    /// that stands above +x at a slope of 1 : 2; and another beyond a slit of this width.
+    fn plate((angle, slit): (f32, f32)) -> Scene {
         let mut scene = Scene::default();
         let grey = || material(0.5, Vec3::ZERO);
         add_quad(
@@ -273,14 +273,25 @@ mod tests {
             Vec3::X * 9.0,
             Vec3::Y * 18.0,
         );
+        if slit < 1.0 {
+            add_quad(
+                &mut scene,
+                grey(),
+                Vec3::new(0.3 + slit, -9.0, 2.0),
+                Vec3::X * 8.0,
+                Vec3::Y * 18.0,
+            );
+        }
         let direction = Vec3::new(-1.0, 0.0, -2.0).normalize();
         let sun = LightKind::Directional { direction, angle };
         scene.lights.push(light(1.0, sun));
         scene
     }
 
-    fn with<T>(angle: f32, f: impl FnOnce(&World, &Suns) -> T) -> T {
-        let scene = plate(angle);
+    const OPEN: f32 = f32::INFINITY;
+
+    fn with<T>(of: (f32, f32), f: impl FnOnce(&World, &Suns) -> T) -> T {
+        let scene = plate(of);
         let soup = Soup::build(&scene);
         let world = World::build(&scene, &soup, WorldOptions::default()).expect("a tree");
         f(&world, &Suns::new(&world))
@@ -299,12 +310,12 @@ mod tests {
 
     /// The edges of shadows between two places along the middle of the plane, as they are met along
     /// outlines in steps of a tenth; those at the plane's border aside.
-    fn edges(angle: f32, from: f32, to: f32, soft: f32) -> Vec<ShadowEdge> {
+    fn edges(of: (f32, f32), from: f32, to: f32, soft: f32) -> Vec<ShadowEdge> {
         let ground = Ground {
             on: Vec3::ZERO,
             up: Vec3::Z,
         };
-        with(angle, |world, suns| {
+        with(of, |world, suns| {
             let casters = suns.casters(world, &[on(from), on(to)], soft);
             let outlines =
                 (casters.into_iter()).flat_map(|caster| suns.outlines(world, caster, &ground));
@@ -322,7 +333,7 @@ mod tests {
     fn edges_lie_where_the_plane_through_an_edge_and_the_sun_does() {
         // 2 m below the edge at x = 0.3, a slope of 1 : 2 moves the shadow by 1 m to x = −0.7.
         for (from, to) in [(-1.0, -0.4), (-0.4, -1.0)] {
-            let edges = edges(0.0, from, to, 0.1);
+            let edges = edges((0.0, OPEN), from, to, 0.1);
             // Of the triangle there, the edge at x = 0.3; its diagonal casts none.
             assert_eq!(edges.len(), 10, "{edges:?}");
             for edge in &edges {
@@ -333,19 +344,33 @@ mod tests {
                 );
             }
         }
-        assert!(edges(0.0, -0.6, -0.1, 0.1).is_empty(), "both are lit");
-        assert!(edges(0.0, -0.8, -1.5, 0.1).is_empty(), "both are shaded");
+        assert!(
+            edges((0.0, OPEN), -0.6, -0.1, 0.1).is_empty(),
+            "both are lit"
+        );
+        assert!(
+            edges((0.0, OPEN), -0.8, -1.5, 0.1).is_empty(),
+            "both are shaded"
+        );
         // The sun's disc of 0.02 rad is 4.5 cm wide at the distance of √5 m, and 5 cm on the plane.
-        let soft = edges(0.01, -1.0, -0.4, 0.1);
+        let soft = edges((0.01, OPEN), -1.0, -0.4, 0.1);
         assert!((soft[0].penumbra - 0.025).abs() < 1e-3, "{soft:?}");
-        assert!(edges(0.01, -1.0, -0.4, 0.03).is_empty(), "too soft");
+        assert!(edges((0.01, OPEN), -1.0, -0.4, 0.03).is_empty(), "too soft");
+    }
+
+    #[test]
+    fn light_through_a_slit_has_no_edges() {
+        // Two centimetres of hard light; a penumbra is wider by far.
+        assert_eq!(edges((0.0, 0.02), -1.0, -0.69, 0.1).len(), 10);
+        assert!(edges((0.01, 0.02), -1.0, -0.69, 0.1).is_empty());
+        assert!(edges((0.0, 0.005), -1.0, -0.6975, 0.1).is_empty());
     }
 
     #[test]
     fn a_line_parts_sun_and_shade_only_along_the_edge() {
         let part = |angle, x: f32, soft| {
             let across = ([Vec3::X, Vec3::NEG_X], Vec3::Z);
-            with(angle, |world, suns| {
+            with((angle, OPEN), |world, suns| {
                 suns.part(world, on(x).origin, across, 0.02, soft)
             })
         };
