@@ -70,6 +70,9 @@ fn settings() -> Settings {
             group("glow", &["neon"]),
         ],
         layers: vec![Layer::Direct, Layer::Indirect],
+        // Charts that end at the edges of the sun's shadows are others where it is switched off, and
+        // means over lumels are compared.
+        cut_charts: false,
         ..at(8.0)
     }
 }
