@@ -208,9 +208,9 @@ impl Suns {
     }
 
     /// The edge of a shadow at a point of an outline, if it is one: steps of `beside` metres to
-    /// either side part sun and shade. Both are `strip` metres wide at least, and the sun is as wide
-    /// as half of the penumbra, which is at most `soft` metres wide: light through a slit is
-    /// none.
+    /// either side part sun and shade, both are at least `strip` metres wide, and the penumbra is
+    /// at most `soft` metres wide. What is lit is at least half as wide as the penumbra, too, which
+    /// light through a slit is not.
     pub fn edge(
         &self,
         world: &World,

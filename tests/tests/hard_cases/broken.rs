@@ -148,7 +148,7 @@ fn faces_without_area_are_dropped_and_counted() {
 
 #[test]
 fn a_strip_a_micrometre_wide_is_a_surface() {
-    // In steps of the width of 2 m down to a ten millionth.
+    // A ten thousandth, a millionth and a ten millionth of its length of 2 m.
     for width in [2e-4, 2e-6, 2e-7] {
         let mut g: Geometry = grid(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0, [4, 4]);
         g.append(&grid(
