@@ -36,10 +36,12 @@ impl Tracer<'_, '_> {
             groups: common.groups,
             by_group: vec![Vec3::ZERO; rays.len() * common.groups],
         };
-        let mut wave: Vec<Path> = (rays.iter().enumerate())
-            .filter_map(|(i, ray)| Path::start(i, ray, &points[ray.point as usize]))
-            .collect();
-        let mut hits: Vec<(Incoming, Vec3)> = Vec::new();
+        let mut wave: Vec<Path> = Vec::with_capacity(rays.len());
+        wave.extend(
+            (rays.iter().enumerate())
+                .filter_map(|(i, ray)| Path::start(i, ray, &points[ray.point as usize])),
+        );
+        let mut hits: Vec<(Incoming, Vec3)> = Vec::with_capacity(wave.len());
         for bounce in 0.. {
             if wave.is_empty() {
                 break;
@@ -48,14 +50,14 @@ impl Tracer<'_, '_> {
             hits.extend(
                 (wave.iter()).map(|path| self.world.incoming(path.point.origin, path.direction)),
             );
-            let mut next = Vec::new();
-            for (path, hit) in wave.into_iter().zip(&hits) {
-                let i = path.ray as usize;
-                let parts = &mut traced.by_group[i * common.groups..(i + 1) * common.groups];
-                let on = self.shade(path, *hit, bounce, &common, &mut traced.found[i], parts);
-                next.extend(on);
-            }
-            wave = next;
+            // Collected in place.
+            wave = (wave.into_iter().zip(&hits))
+                .filter_map(|(path, hit)| {
+                    let i = path.ray as usize;
+                    let parts = &mut traced.by_group[i * common.groups..(i + 1) * common.groups];
+                    self.shade(path, *hit, bounce, &common, &mut traced.found[i], parts)
+                })
+                .collect();
         }
         traced
     }

@@ -21,7 +21,7 @@ use crate::world::{SurfacePoint, World, luminance};
 use choice::Tables;
 use lamp_tree::{LampTree, Lamps};
 use tally::{Mark, Tally};
-use terms::draw_rest;
+use terms::{REST, draw_rest};
 
 /// Number of shadow rays per light.
 #[derive(Debug, Clone, Copy)]
@@ -251,9 +251,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let term = self.term_of_lamps(lamps);
             self.begin(term, kind.share(share), bit, look, kind, &mut work);
         }
-        if let Some((Lamps::Group(node), share, chance)) = rest {
+        if let Some((Lamps::Group(node), chance)) = rest {
             let term = Term::Lamps(node, chance);
-            self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
+            self.begin(term, REST, EMITTERS, look, Kind::default(), &mut work);
         }
         if !self.emitters.is_empty() || bright.is_some() {
             if let Some(bright) = bright {
@@ -276,8 +276,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let term = self.term_of_node(node);
                 self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
             }
-            if let Some((node, weight, chance)) = rest {
-                let (term, share) = (Term::Group(node, chance), worth * weight / total);
+            if let Some((node, chance)) = rest {
+                let (term, share) = (Term::Group(node, chance), worth * REST);
                 self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
             }
         }

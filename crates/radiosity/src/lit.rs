@@ -14,6 +14,8 @@
 //! not represent a near element and 1/d² is unbounded. Surfaces that transmit light, or have holes,
 //! are also left to gathering rays.
 
+use std::cell::Cell;
+
 use glam::Vec3;
 use patch_subdivision::{PatchId, Subdivision};
 use rayon::prelude::*;
@@ -139,6 +141,20 @@ pub struct LitCut {
     arrives: f32,
 }
 
+thread_local! {
+    /// The list of the last cut that was dropped, for the next one to fill. Lists grow to some
+    /// hundred groups, and a bake makes millions of them.
+    static SPARE: Cell<Vec<Group>> = const { Cell::new(Vec::new()) };
+}
+
+impl Drop for LitCut {
+    fn drop(&mut self) {
+        if self.groups.capacity() > 0 {
+            SPARE.set(std::mem::take(&mut self.groups));
+        }
+    }
+}
+
 /// Items `[start, end)`, and the running sum of weights including them.
 #[derive(Debug, Clone, Copy)]
 struct Group {
@@ -156,9 +172,6 @@ const GRAZING: f32 = 1e-3;
 /// Nothing is drawn if the expected sample is less than this times as likely to be hit by a
 /// gathering ray as the mean: it would cost time and gain nothing.
 const LEAST: f32 = 0.25;
-
-/// Groups of most receivers, so that their list need not grow.
-const USUAL: usize = 48;
 
 /// A node is used as a whole if its angular size (radius over distance) is below this.
 const WHOLE: f32 = 0.6;
@@ -267,7 +280,8 @@ impl LitElements {
         if self.is_empty() {
             return cut;
         }
-        cut.groups.reserve(USUAL);
+        cut.groups = SPARE.take();
+        cut.groups.clear();
         let mut sum = 0f32;
         // A child has at most three quarters of its parent's items (`lower_part`), so this is enough
         // for 8 · (4/3)⁶³ ≈ 6 · 10⁸ of them.
