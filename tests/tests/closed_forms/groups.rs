@@ -106,16 +106,7 @@ fn groups_sum_to_the_whole_and_each_is_its_own_light() {
     let names: Vec<&str> = bake.report.groups.iter().map(|g| g.name.as_str()).collect();
     assert_eq!(names, ["lamp", "spot", "glow", "rest"]);
     let (whole, groups) = files(&bake);
-    for (i, l) in whole.iter().enumerate() {
-        for c in 0..3 {
-            let sum: f64 = groups.iter().map(|g| g[i].irradiance[c]).sum();
-            // Each number is rounded once: one per group, and the sum. Rounding in f32 sums is
-            // negligible.
-            let most = HALF_BITS * 2.0 * sum.max(l.irradiance[c]) + 5.0 * LEAST;
-            let off = (sum - l.irradiance[c]).abs();
-            assert!(off <= most, "{i}: {sum} {}", l.irradiance[c]);
-        }
-    }
+    assert_they_sum(&whole, &groups);
     // Alone. Two bakes have different samples; the tolerance is the noise of the means over all
     // faces, from 128 rays in 300 lumels.
     for (g, (name, keep)) in [("lamp", "lamp"), ("spot", "spot"), ("glow", "neon")]
@@ -130,6 +121,35 @@ fn groups_sum_to_the_whole_and_each_is_its_own_light() {
         let (alone, _) = files(&golden(&glb, &alone));
         let (a, b) = (channel_mean(&groups[g], 2), channel_mean(&alone, 2));
         assert!((a / b - 1.0).abs() < 0.01, "{name}: {a} {b}");
+    }
+}
+
+#[test]
+fn groups_sum_to_the_whole_on_cut_charts() {
+    let cut = Settings {
+        cut_charts: true,
+        ..settings()
+    };
+    let bake = golden(&scene(0.5), &cut);
+    let notes = &bake.report.notes;
+    assert!(
+        notes.iter().any(|n| n.contains("charts end along")),
+        "{notes:?}"
+    );
+    let (whole, groups) = files(&bake);
+    assert_they_sum(&whole, &groups);
+}
+
+fn assert_they_sum(whole: &[Seen], groups: &[Vec<Seen>]) {
+    for (i, l) in whole.iter().enumerate() {
+        for c in 0..3 {
+            let sum: f64 = groups.iter().map(|g| g[i].irradiance[c]).sum();
+            // Each number is rounded once: one per group, and the sum. Rounding in f32 sums is
+            // negligible.
+            let most = HALF_BITS * 2.0 * sum.max(l.irradiance[c]) + 5.0 * LEAST;
+            let off = (sum - l.irradiance[c]).abs();
+            assert!(off <= most, "{i}: {sum} {}", l.irradiance[c]);
+        }
     }
 }
 
