@@ -6,6 +6,7 @@ use lumel_tests::geometry::{cuboid, grid};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
 use crate::common::{at, bake, lumels_of};
+use crate::surfaces::edited;
 
 const LUX: f32 = 3.0;
 
@@ -99,6 +100,21 @@ fn no_lumel_is_half_in_the_sun() {
         "{} {}",
         shade(&whole),
         shade(&cut)
+    );
+}
+
+#[test]
+fn what_has_no_material_is_cut_as_well() {
+    let glb = edited(&board(0.0), |json| {
+        for mesh in json["meshes"].as_array_mut().into_iter().flatten() {
+            let of_first = mesh["primitives"][0].as_object_mut();
+            assert!(of_first.is_some_and(|p| p.remove("material").is_some()));
+        }
+    });
+    let notes = bake(&glb, &settings(true)).report.notes;
+    assert!(
+        notes.iter().any(|n| n.contains("charts end along")),
+        "{notes:?}"
     );
 }
 

@@ -319,7 +319,7 @@ fn a_decal_in_the_plane_of_a_floor_and_another_tessellation_are_lit_like_it() {
 }
 
 /// `glb` with its JSON changed.
-fn edited(glb: &[u8], edit: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
+pub(crate) fn edited(glb: &[u8], edit: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
     let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
     let end = 20 + word(12);
     let mut json = serde_json::from_slice(&glb[20..end]).unwrap();

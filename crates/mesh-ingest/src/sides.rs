@@ -21,13 +21,17 @@ type PrimitiveNumber = (usize, usize);
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
-/// A primitive can be split if all of its data is in plain accessors, which the copy then shares or
-/// mirrors. With an extension or morph targets it may not be.
-pub(crate) fn can_split(primitive: &Item) -> bool {
+/// Whether a primitive is a triangle list with all of its data in plain accessors, which a copy can
+/// share or mirror. With an extension or morph targets it may not be.
+pub(crate) fn is_plain(primitive: &Item) -> bool {
     let json = &primitive.value;
     let is_list = json.get("mode").is_none_or(|m| m.as_u64() == Some(4));
-    let plain = json.get("extensions").is_none() && json.get("targets").is_none();
-    is_list && plain && json.get("material").is_some()
+    is_list && json.get("extensions").is_none() && json.get("targets").is_none()
+}
+
+/// A primitive can be split if it [is plain](is_plain) and its material can be made single-sided.
+pub(crate) fn can_split(primitive: &Item) -> bool {
+    is_plain(primitive) && primitive.value.get("material").is_some()
 }
 
 /// Splits the primitives of `which` that exist and that [`can_split`] allows. The copies follow all

@@ -56,7 +56,7 @@ pub(crate) fn can_cut(document: &Document, mesh: &Item) -> bool {
         let position = attributes["POSITION"].as_u64();
         let accessor = position.map(|i| &document.json()["accessors"][i as usize]);
         let component = accessor.and_then(|a| a["componentType"].as_u64());
-        sides::can_split(item)
+        sides::is_plain(item)
             && attributes.get("JOINTS_0").is_none()
             && component == Some(DataType::F32.as_gl_enum().into())
     };
