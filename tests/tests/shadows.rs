@@ -110,6 +110,8 @@ fn what_has_no_material_is_cut_as_well() {
             let of_first = mesh["primitives"][0].as_object_mut();
             assert!(of_first.is_some_and(|p| p.remove("material").is_some()));
         }
+        let root = json.as_object_mut();
+        assert!(root.is_some_and(|r| r.remove("materials").is_some()));
     });
     let notes = bake(&glb, &settings(true)).report.notes;
     assert!(

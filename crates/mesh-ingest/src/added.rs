@@ -75,7 +75,8 @@ impl Added {
 }
 
 fn append(json: &mut Value, list: &str, values: Vec<Value>) {
-    if let Some(list) = json[list].as_array_mut() {
+    // Indexing would add a missing one as `null`.
+    if let Some(list) = json.get_mut(list).and_then(Value::as_array_mut) {
         list.extend(values);
     }
 }
