@@ -41,8 +41,8 @@ pub(super) type Rest<T> = (T, f32);
 
 /// Removes the weakest groups, if there are several, from `lights`, which have rough contributions,
 /// and may return one of them, each with a probability in proportion to its contribution. The
-/// probabilities add up to 1 only if the groups contribute [`REST`] of the `total`, so that a sample
-/// always stands for that much: most receivers need not look for far lights that hardly matter.
+/// probabilities add up to 1 only if the groups contribute [`REST`] of the `total`, so a sample
+/// always stands for that much: receivers seldom look for far lights that hardly matter.
 pub(super) fn draw_rest<T: Copy>(
     lights: &mut Vec<(T, f32)>,
     is_group: impl Fn(T) -> bool,
