@@ -205,6 +205,8 @@ fn instances_share_their_mesh_and_the_manifest_says_what_the_extras_say() {
     let settings = Settings {
         quality: Quality::Draft,
         max_page: 128,
+        // A node that is cut gets a mesh of its own.
+        cut_charts: false,
         ..at(2.0)
     };
     let dir = tempfile::tempdir().expect("a folder");

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, Quat, Vec3};
 use lumel::{Bake, Quality, Settings};
-use lumel_tests::geometry::{cuboid, grid};
+use lumel_tests::geometry::{Geometry, cuboid, grid};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
 use crate::common::{at, bake, lumels_of};
@@ -26,15 +26,19 @@ fn hanging() -> [Vec3; 2] {
 /// Likewise, with a ground of this width from x = −4 m on, and boxes with these corners, turned by
 /// `turn` degrees.
 fn boxes_over(width: f32, boxes: &[[Vec3; 2]], turn: f32, angle: f32) -> Vec<u8> {
+    boxes_on(&ground(width, 1), boxes, turn, angle)
+}
+
+/// A ground of this width, of `n` × `n` squares.
+fn ground(width: f32, n: u32) -> Geometry {
+    let corner = Vec3::new(-4.0, 0.0, -4.0);
+    grid(corner, Vec3::Z * 8.0, Vec3::X * width, [n, n])
+}
+
+fn boxes_on(ground: &Geometry, boxes: &[[Vec3; 2]], turn: f32, angle: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
-    let ground = grid(
-        Vec3::new(-4.0, 0.0, -4.0),
-        Vec3::Z * 8.0,
-        Vec3::X * width,
-        [1, 1],
-    );
-    let mesh = b.mesh("ground", &[(&ground, black)]);
+    let mesh = b.mesh("ground", &[(ground, black)]);
     b.node(Node::of_mesh("ground", mesh));
     for &[low, high] in boxes {
         let mesh = b.mesh("box", &[(&cuboid(low, high, 1), black)]);
@@ -128,6 +132,28 @@ fn a_strip_of_sun_is_narrower_than_a_lumel() {
     assert!(whole > 0.01, "{whole}");
     // With the strip left whole it is 0.0023.
     assert!(cut < 0.001, "{cut}");
+}
+
+/// Facets of a metre, bent by 1.5 to 12 degrees at their edges. Patches take them for one surface.
+#[test]
+fn a_shadow_on_rough_ground_is_sharp_on_each_facet() {
+    let mut rough = ground(8.0, 8);
+    for (k, p) in (0u16..).zip(&mut rough.positions) {
+        p.y = f32::from(7 * k * k % 11) / 110.0;
+    }
+    let glb = boxes_on(&rough.bare(), &[hanging()], 25.0, 0.0);
+    // The sun's cosine on the facets is 0.8 or more.
+    let mixed = |cut| {
+        let bake = bake(&glb, &settings(cut));
+        let lumels = lumels_of(&bake, "ground");
+        let mixed = (lumels.iter())
+            .filter(|l| (0.01..0.75).contains(&(l.red() / f64::from(LUX))))
+            .count();
+        mixed as f64 / lumels.len() as f64
+    };
+    let [whole, cut] = [false, true].map(mixed);
+    assert!(whole > 0.01, "{whole}");
+    assert!(cut < 0.1 * whole, "{cut} of {whole}");
 }
 
 /// A slit of 3 lumels between two boards, and a bar across it, half a lumel wide.

@@ -32,6 +32,11 @@ impl Page {
         Some(&layer.1)
     }
 
+    /// Width and height in texels.
+    pub(crate) fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
     /// Memory in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         (self.value.len() * (16 + 4 * self.layers.len())) as u64

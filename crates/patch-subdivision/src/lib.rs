@@ -24,12 +24,14 @@
 //! ```
 
 mod adjacency;
+mod flat;
 mod grid;
 pub mod raster;
 mod region;
 mod subdivision;
 mod walls;
 
+pub use flat::FlatPieces;
 pub use region::{RegionId, RegionOptions};
 pub use subdivision::{
     Element, ElementId, Locus, Options, Patch, PatchId, PointOn, Stats, Subdivision, Tap,

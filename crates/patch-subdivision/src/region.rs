@@ -85,8 +85,13 @@ impl Connected {
         areas
     }
 
+    /// The triangles that share an edge with a triangle.
+    pub(crate) fn beside(&self, triangle: u32) -> &[u32] {
+        self.adjacency.of(triangle)
+    }
+
     /// The region of each triangle, and their number.
-    fn flood(&self, soup: &Soup, size: f32, options: &RegionOptions) -> (Vec<u32>, u32) {
+    pub(crate) fn flood(&self, soup: &Soup, size: f32, options: &RegionOptions) -> (Vec<u32>, u32) {
         let centroid =
             |t: usize| (soup.triangles[t][0] + soup.triangles[t][1] + soup.triangles[t][2]) / 3.0;
         let (cos_flat, cos_cluster) = (

@@ -112,30 +112,30 @@ impl Suns {
         self.suns.is_empty()
     }
 
-    /// Whether the edge of a shadow runs along a line on a flat surface: `beside` metres from it
-    /// one side is shaded, by something so near that the penumbra is at most `soft` metres wide,
-    /// and the other is lit beyond the penumbra. `on` is a point of the line, lifted off the
-    /// surface, and `across` are the directions away from it.
-    pub fn part(
+    /// Which of two steps off a line on a surface leads into the sun, if the other leads into the
+    /// shade and the edge of a shadow runs along the line: what shades is so near that the penumbra
+    /// is at most `soft` metres wide, and beyond the penumbra it is lit. `on` is a point of the
+    /// line, lifted off the surface, and the steps are in metres.
+    pub fn lit_side(
         &self,
         world: &World,
         on: Vec3,
-        (across, normal): ([Vec3; 2], Vec3),
-        beside: f32,
+        (steps, normal): ([Vec3; 2], Vec3),
         soft: f32,
-    ) -> bool {
-        self.suns.iter().any(|sun| {
+    ) -> Option<usize> {
+        self.suns.iter().find_map(|sun| {
             let height = normal.dot(sun.toward);
-            let part = |[lit, shaded]: [Vec3; 2]| {
-                let Some((_, distance)) = self.blocker(world, sun, on + shaded * beside) else {
+            let parts = |[lit, shaded]: [Vec3; 2]| {
+                let Some((_, distance)) = self.blocker(world, sun, on + shaded) else {
                     return false;
                 };
                 let penumbra = distance * sun.width;
-                let beyond = beside + penumbra / height;
-                penumbra <= soft && self.blocker(world, sun, on + lit * beyond).is_none()
+                let beyond = lit.normalize_or_zero() * (penumbra / height);
+                penumbra <= soft && self.blocker(world, sun, on + lit + beyond).is_none()
             };
-            let [a, b] = across;
-            height >= GRAZING && (part([a, b]) || part([b, a]))
+            let [a, b] = steps;
+            let mut sides = [[a, b], [b, a]].into_iter();
+            (height >= GRAZING).then(|| sides.position(parts)).flatten()
         })
     }
 
@@ -369,9 +369,14 @@ mod tests {
     #[test]
     fn a_line_parts_sun_and_shade_only_along_the_edge() {
         let part = |angle, x: f32, soft| {
-            let across = ([Vec3::X, Vec3::NEG_X], Vec3::Z);
+            let steps = [0.02, -0.02].map(|x| Vec3::X * x);
             with((angle, OPEN), |world, suns| {
-                suns.part(world, on(x).origin, across, 0.02, soft)
+                let [there, back] = [steps, [steps[1], steps[0]]]
+                    .map(|steps| suns.lit_side(world, on(x).origin, (steps, Vec3::Z), soft));
+                // Towards +x is lit.
+                assert_eq!(there, back.map(|k| 1 - k));
+                assert_ne!(there, Some(1));
+                there.is_some()
             })
         };
         assert!(part(0.0, -0.7, 0.1));

@@ -33,7 +33,7 @@ pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
         let (p, at) = s.sides[k];
         let page = &pages[p as usize];
         let charts = &texels.chart[p as usize];
-        let own = lookup(page, at)
+        let own = lookup(page.size(), at)
             .into_iter()
             .fold(
                 (0.0, EMPTY),
@@ -56,7 +56,7 @@ pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
 /// Light of a lookup, if it only reads this chart.
 fn light_in(page: &Page, charts: &[u32], chart: u32, at: Vec2) -> Option<f32> {
     let mut sum = 0.0;
-    for (t, w) in lookup(page, at) {
+    for (t, w) in lookup(page.size(), at) {
         if w > 1e-3 && charts[t] != chart {
             return None;
         }

@@ -23,6 +23,7 @@ mod least;
 mod matrix;
 mod measure;
 mod pairs;
+mod parted;
 mod rows;
 mod solve;
 mod tree;

@@ -6,6 +6,7 @@ use radiosity::{Suns, World};
 use rayon::prelude::*;
 
 use crate::seams::border::{Piece, border_pieces};
+use crate::seams::parted::{Parted, Place, lit_side, may_part};
 use crate::seams::tree::BoxTree;
 
 /// A point of a seam.
@@ -77,6 +78,13 @@ struct Stretch {
     metres: f32,
 }
 
+impl Stretch {
+    /// Parameters of either piece at a fraction of its length.
+    fn params(&self, x: f32) -> [f32; 2] {
+        [0, 1].map(|k| self.ends[0][k] + (self.ends[1][k] - self.ends[0][k]) * x)
+    }
+}
+
 /// Finds the seams and samples them. Deterministic; O(n log n) in border pieces, even if many
 /// coincide.
 ///
@@ -117,23 +125,46 @@ pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> V
             out
         })
         .collect();
-    let suns = Suns::new(world);
     let texels: f64 = stretches.iter().map(|s| f64::from(s.texels)).sum();
     let spacing = SPACING.max((texels / (MOST_SAMPLES * layout.texels())) as f32);
+    let parted = parted(world, layout, &pieces, &stretches);
     (stretches.par_iter())
         .with_min_len(64)
-        .flat_map_iter(|s| {
-            let mut out = Vec::new();
-            sample(
-                (world, &suns),
-                s.pieces.map(|i| &pieces[i]),
-                s,
-                spacing,
-                &mut out,
-            );
-            out
-        })
+        .flat_map_iter(|s| sample(world, s.pieces.map(|i| &pieces[i]), s, spacing, &parted))
         .collect()
+}
+
+/// Distance of the places along a seam, texels, at which sun and shade are told apart.
+const PARTED: f32 = 0.5;
+
+/// The texels that the edges of shadows part.
+fn parted<'l>(
+    world: &World,
+    layout: &'l Layout,
+    pieces: &[Piece],
+    stretches: &[Stretch],
+) -> Parted<'l> {
+    let suns = Suns::new(world);
+    let places: Vec<[Place; 2]> = (stretches.par_iter())
+        .with_min_len(64)
+        .flat_map_iter(|s| {
+            let pieces = s.pieces.map(|i| &pieces[i]);
+            let may = !suns.is_empty() && may_part(world, pieces, SAME_FACING);
+            let n = if may {
+                (s.texels / PARTED).ceil().max(1.0) as u32
+            } else {
+                0
+            };
+            let suns = &suns;
+            (0..n).filter_map(move |i| {
+                let params = s.params((i as f32 + 0.5) / n as f32);
+                let lit = lit_side((world, suns), pieces, params)?;
+                let at = places(pieces, params);
+                Some([lit, 1 - lit].map(|k| (pieces[k].page, at[k])))
+            })
+        })
+        .collect();
+    Parted::new(&layout.pages, &places)
 }
 
 /// Largest distance at which another piece meets this one, metres.
@@ -197,48 +228,28 @@ fn places(pieces: [&Piece; 2], params: [f32; 2]) -> [Vec2; 2] {
 
 /// Samples of a stretch, at most `spacing` texels apart.
 fn sample(
-    (world, suns): (&World, &Suns),
+    world: &World,
     pieces: [&Piece; 2],
     s: &Stretch,
     spacing: f32,
-    out: &mut Vec<Sample>,
-) {
+    parted: &Parted,
+) -> Vec<Sample> {
     let [a, b] = s.ends.map(|params| places(pieces, params));
     let along = [b[0] - a[0], b[1] - a[1]].map(|v| v / s.texels);
     let n = (s.texels / spacing).ceil().max(1.0);
-    let params = |i: u32| {
-        let x = (i as f32 + 0.5) / n;
-        [0, 1].map(|k| s.ends[0][k] + (s.ends[1][k] - s.ends[0][k]) * x)
-    };
-    let parted = match flat(world, pieces) && !suns.is_empty() {
-        true => {
-            // Two samples a texel are enough, as those around them are left out too.
-            let step = (PARTED * n / s.texels).max(1.0) as u32;
-            let samples = (0..n as u32).step_by(step as usize);
-            samples
-                .filter(|&i| is_shadow_edge((world, suns), pieces, params(i)))
-                .collect()
-        }
-        false => Vec::new(),
-    };
-    // Lookups a texel away read the same lumels.
-    let reach = (n / s.texels).ceil() as u32;
-    let is_free = |i: u32| {
-        let k = parted.partition_point(|&p| p + reach < i);
-        parted.get(k).is_none_or(|&p: &u32| p > i + reach)
-    };
-    for i in 0..n as u32 {
-        let params = params(i);
-        if is_free(i) && goes_on(world, pieces, params) {
-            let at = places(pieces, params);
-            out.push(Sample {
-                along,
-                sides: [0, 1].map(|k| (pieces[k].page, at[k])),
-                texels: s.texels / n,
-                metres: s.metres / n,
-            });
-        }
-    }
+    let samples = (0..n as u32).filter_map(|i| {
+        let params = s.params((i as f32 + 0.5) / n);
+        let at = places(pieces, params);
+        let sides = [0, 1].map(|k| (pieces[k].page, at[k]));
+        let meet = !parted.parts(&sides) && goes_on(world, pieces, params);
+        meet.then_some(Sample {
+            along,
+            sides,
+            texels: s.texels / n,
+            metres: s.metres / n,
+        })
+    });
+    samples.collect()
 }
 
 /// Distance from the seam, texels, at which the test rays for obstacles on the seam start and end.
@@ -275,30 +286,4 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     }
     let free = world.transmitted(ends[0], ends[1] - ends[0], 1.0);
     free.max_element() > 0.0
-}
-
-/// Whether two pieces are in one flat surface. Charts end at the edges of shadows only there.
-fn flat(world: &World, pieces: [&Piece; 2]) -> bool {
-    let [n, m] = pieces.map(|p| world.soup.normals[p.triangle as usize]);
-    n.dot(m) > FLAT && pieces.iter().all(|p| !world.is_curved(p.triangle))
-}
-
-/// Cosine of 1°, as for the pieces that cuts divide.
-const FLAT: f32 = 0.999_85;
-
-/// Distance from the seam, texels, at which a sun's light is compared …
-const AT_THE_EDGE: f32 = 0.1;
-
-/// … and of such places along it.
-const PARTED: f32 = 0.5;
-
-/// Whether a sun shines on one side of the seam only.
-fn is_shadow_edge((world, suns): (&World, &Suns), pieces: [&Piece; 2], params: [f32; 2]) -> bool {
-    let p = pieces[0];
-    let normal = world.soup.normals[p.triangle as usize];
-    let on = p.world[0].lerp(p.world[1], params[0]);
-    let texel = p.texel.max(pieces[1].texel);
-    let on = on + normal * world.offset(on);
-    let across = pieces.map(|p| p.inward);
-    suns.part(world, on, (across, normal), AT_THE_EDGE * texel, texel)
 }

@@ -111,13 +111,14 @@ impl TexelList {
     }
 }
 
-/// The texels that a bilinear lookup at `at` reads, with weights; the page's edge is repeated.
-pub(crate) fn lookup(page: &Page, at: Vec2) -> [(usize, f32); 4] {
+/// The texels that a bilinear lookup at `at` reads on a page of this size, with weights; the
+/// page's edge is repeated.
+pub(crate) fn lookup([width, height]: [u32; 2], at: Vec2) -> [(usize, f32); 4] {
     let corner = (at - 0.5).floor();
     let f = at - 0.5 - corner;
     let limit = |x: f32, size: u32| x.clamp(0.0, size.saturating_sub(1) as f32) as usize;
-    let [x0, x1] = [corner.x, corner.x + 1.0].map(|x| limit(x, page.width));
-    let [y0, y1] = [corner.y, corner.y + 1.0].map(|y| limit(y, page.height) * page.width as usize);
+    let [x0, x1] = [corner.x, corner.x + 1.0].map(|x| limit(x, width));
+    let [y0, y1] = [corner.y, corner.y + 1.0].map(|y| limit(y, height) * width as usize);
     [
         (y0 + x0, (1.0 - f.x) * (1.0 - f.y)),
         (y0 + x1, f.x * (1.0 - f.y)),

@@ -91,7 +91,9 @@ impl Stitcher {
         let mut report = SeamReport::default();
         let mut rows = Vec::with_capacity(samples.len());
         for s in samples {
-            let sides = s.sides.map(|(page, at)| lookup(&pages[page as usize], at));
+            let sides = s
+                .sides
+                .map(|(page, at)| lookup(pages[page as usize].size(), at));
             // Whether the lumel with the largest weight on this side is inside something.
             let at_hidden = |k: usize| {
                 let page = s.sides[k].0 as usize;

@@ -282,8 +282,9 @@ fn is_shadow_edge((world, suns): (&World, &Suns), at: Vec3, sides: [[Vec3; 2]; 2
     let normal = sides[0][0];
     let reach = sides[0][1].length().min(sides[1][1].length());
     let on = at + normal * world.offset(at);
-    let across = sides.map(|side| side[1].normalize_or_zero());
-    suns.part(world, on, (across, normal), BESIDE * reach, SOFT * reach)
+    let steps = sides.map(|side| side[1].normalize_or_zero() * (BESIDE * reach));
+    suns.lit_side(world, on, (steps, normal), SOFT * reach)
+        .is_some()
 }
 
 /// For a face: its triangle in the soup, the world corner of each of the primitive triangle's

@@ -7,13 +7,13 @@
 mod shadows;
 mod walls;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
-use patch_subdivision::PatchId;
-use radiosity::{Ground, Solution, SurfacePoint, World, luminance};
+use patch_subdivision::{FlatPieces, PatchId};
+use radiosity::{Ground, Solution, Suns, SurfacePoint, World, luminance};
 
 use crate::named::{node_of, some_of};
 use shadows::{Edge, Shaded};
@@ -47,6 +47,10 @@ const PARALLEL: f32 = 0.03;
 /// that close.
 const BESIDE: f32 = 0.05;
 
+/// Lines of neighbouring surfaces that end this close to each other, in lumels, meet. Lumels there
+/// hold a hundredth of the other side's light at most.
+const MEET: f32 = 0.015;
+
 /// Shorter lines, in lumels, are not worth a border of charts where the light differs just
 /// [noticeably](NOTICED).
 const SHORT: f32 = 8.0;
@@ -75,6 +79,9 @@ const MOST_WALLS: usize = 16;
 
 /// Most edges of shadows on a surface, likewise. Each divides only the charts that it enters.
 const MOST_SHADOWS: usize = 64;
+
+/// And on all surfaces of a node, as rough ground has thousands.
+const MOST_OF_NODE: usize = 1024;
 
 /// Most lines that are looked for on a surface: the leaves of a bush shall not crowd out a wall.
 const MOST_FOUND: usize = 1024;
@@ -172,6 +179,8 @@ impl Stretch {
 struct Level<'l> {
     world: &'l World<'l>,
     solution: &'l Solution,
+    /// The surfaces that lines are on.
+    surfaces: FlatPieces,
     /// By instance, the edge of its lumels in metres, unless its charts cannot be cut.
     lumels: Vec<Option<f32>>,
     /// By element, the luminance of its light, and whether it is on a back.
@@ -182,12 +191,7 @@ struct Level<'l> {
 }
 
 impl<'l> Level<'l> {
-    fn new(
-        loaded: &Loaded,
-        world: &'l World<'l>,
-        solution: &'l Solution,
-        report: &LayoutReport,
-    ) -> Self {
+    fn new(world: &'l World<'l>, solution: &'l Solution, lumels: Vec<Option<f32>>) -> Self {
         let cut = &solution.cut;
         let mut light = vec![0.0f32; cut.elements().len()];
         let mut back = vec![false; light.len()];
@@ -200,7 +204,8 @@ impl<'l> Level<'l> {
         Level {
             world,
             solution,
-            lumels: lumel_sizes(loaded, report),
+            surfaces: FlatPieces::find(world.soup, |t| world.two_sided(t as u32)),
+            lumels,
             light,
             back,
             black: BLACK * luminance(solution.mean_irradiance().as_vec3()),
@@ -223,10 +228,10 @@ impl<'l> Level<'l> {
 
     /// Whether a point of the plane of a triangle is on its surface, where somebody may see it.
     fn is_on(&self, p: Vec3, triangle: u32, ground: &Ground) -> bool {
-        let cut = &self.solution.cut;
         let lift = ground.up * (LIFTED * self.world.offset(p));
         let hit = self.world.first_between(p + lift, p - lift);
-        let same = hit.is_some_and(|hit| cut.region_of(hit.triangle) == cut.region_of(triangle));
+        let own = self.surfaces.of(triangle);
+        let same = hit.is_some_and(|hit| self.surfaces.of(hit.triangle) == own);
         let point = || SurfacePoint {
             position: p,
             origin: p + lift,
@@ -334,9 +339,8 @@ impl Line {
             && (self.normal.dot(at) - self.offset).abs() < BESIDE * lumel
     }
 
-    /// The lines where charts should end, on a surface with these lumels and points, with how
-    /// visible they are.
-    fn chosen(self, lumel: f32, world: &World, points: &[Vec3]) -> Vec<(f32, Chosen)> {
+    /// The lines where charts may end, on a surface with these lumels and points.
+    fn chosen(self, lumel: f32, world: &World, points: &[Vec3]) -> Vec<Chosen> {
         match self.cause {
             Cause::Wall {
                 length,
@@ -356,11 +360,10 @@ impl Line {
                     offset: self.offset,
                     ends: None,
                     triangle: self.triangle,
+                    length,
+                    differ: weight / length,
                 };
-                (worth && seen)
-                    .then_some((weight, line))
-                    .into_iter()
-                    .collect()
+                (worth && seen).then_some(line).into_iter().collect()
             }
             Cause::Shadow(pieces) => {
                 let up = world.soup.normals[self.triangle as usize];
@@ -368,19 +371,19 @@ impl Line {
                 let foot = self.normal * self.offset + up * up.dot(on);
                 let along = self.normal.cross(up);
                 (Stretch::all(pieces, GAP * lumel).into_iter())
-                    .filter_map(|stretch| {
-                        let ([from, to], differ) = (stretch.ends, stretch.mean(|p| p.differ));
-                        let worth = is_worth_it(to - from, differ, lumel);
+                    .map(|stretch| {
+                        let [from, to] = stretch.ends;
                         let behind = stretch.behind();
                         let ends = [from, to].map(|x| foot + along * x + self.normal * behind(x));
                         let normal = up.cross(ends[1] - ends[0]).normalize_or_zero();
-                        let line = Chosen {
+                        Chosen {
                             normal,
                             offset: normal.dot(ends[0]),
                             ends: Some(ends),
                             triangle: self.triangle,
-                        };
-                        worth.then_some(((to - from) * differ, line))
+                            length: to - from,
+                            differ: stretch.mean(|p| p.differ),
+                        }
                     })
                     .collect()
             }
@@ -395,6 +398,22 @@ struct Chosen {
     /// Its ends; `None` if it goes through.
     ends: Option<[Vec3; 2]>,
     triangle: u32,
+    /// Its length, metres, and the mean relative difference of the light.
+    length: f32,
+    differ: f32,
+}
+
+impl Chosen {
+    /// How visible it is.
+    fn weight(&self) -> f32 {
+        self.length * self.differ
+    }
+
+    /// Whether it goes on where another line ends.
+    fn meets(&self, other: &Chosen, near: f32) -> bool {
+        let ends = |line: &Chosen| line.ends.into_iter().flatten();
+        ends(self).any(|a| ends(other).any(|b| a.distance(b) <= near))
+    }
 }
 
 /// Whether a line is noticed. Where the light differs more, shorter lines are.
@@ -410,50 +429,130 @@ pub(crate) fn wanted(
     solution: &Solution,
     report: &LayoutReport,
 ) -> Vec<Cut> {
-    let level = Level::new(loaded, world, solution, report);
-    let cut = &solution.cut;
-    let mut lines: BTreeMap<usize, Lines> = BTreeMap::new();
+    let lumels = lumel_sizes(loaded, report);
+    let may_cut = lumels.iter().any(Option::is_some);
+    let has_lines = solution.cut.has_walls() || !Suns::new(world).is_empty();
+    if !(may_cut && has_lines) {
+        return Vec::new();
+    }
+    let level = Level::new(world, solution, lumels);
+    let mut lines: BTreeMap<u32, Lines> = BTreeMap::new();
     for wall in walls::find(&level) {
-        if let Some(region) = cut.region_of(wall.triangle) {
-            let length = 0.25 * cut.patch_edge(wall.triangle);
-            lines.entry(region).or_default().enter_wall(&wall, length);
+        if let Some(surface) = level.surfaces.of(wall.triangle) {
+            let length = 0.25 * solution.cut.patch_edge(wall.triangle);
+            lines.entry(surface).or_default().enter_wall(&wall, length);
         }
     }
     for edge in shadows::find(&level) {
-        if let Some(region) = cut.region_of(edge.on.triangle) {
+        if let Some(surface) = level.surfaces.of(edge.on.triangle) {
             let up = world.soup.normals[edge.on.triangle as usize];
-            lines.entry(region).or_default().enter_shadow(&edge, up);
+            lines.entry(surface).or_default().enter_shadow(&edge, up);
         }
     }
-    let points = visible_points(solution, world, &lines);
-    let uses = uses(&loaded.scene);
+    let points = visible_points(&level, &lines);
+    let (scene, uses) = (&loaded.scene, &uses(&loaded.scene));
     let copies = copies(world, &level.lumels);
-    let mut cuts = Vec::new();
-    for (region, Lines(found)) in lines {
-        let (mut walls, mut shadows) = (Vec::new(), Vec::new());
+    let mut candidates: BTreeMap<u32, Vec<Chosen>> = BTreeMap::new();
+    for (surface, Lines(found)) in lines {
+        let of_surface = candidates.entry(surface).or_default();
         for line in found {
-            let to = match line.cause {
-                Cause::Wall { .. } => &mut walls,
-                Cause::Shadow(_) => &mut shadows,
-            };
             if let Some(lumel) = level.lumel_of(line.triangle) {
-                to.extend(line.chosen(lumel, world, &points[&region]));
+                of_surface.extend(line.chosen(lumel, world, &points[&surface]));
             }
         }
-        for (lines, most) in [(&mut walls, MOST_WALLS), (&mut shadows, MOST_SHADOWS)] {
+    }
+    let noticed = noticed(&level, &candidates);
+    let mut chosen: Vec<Chosen> = Vec::new();
+    for ((_, lines), noticed) in candidates.into_iter().zip(noticed) {
+        let lines = lines
+            .into_iter()
+            .zip(noticed)
+            .filter(|(_, noticed)| *noticed);
+        let (walls, shadows): (Vec<Chosen>, Vec<Chosen>) = lines
+            .map(|(line, _)| line)
+            .partition(|line| line.ends.is_none());
+        for (mut lines, most) in [(walls, MOST_WALLS), (shadows, MOST_SHADOWS)] {
             // Stable, so of equal lines the first found stays first.
-            lines.sort_by(|a, b| b.0.total_cmp(&a.0));
+            lines.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
             lines.truncate(most);
-        }
-        for (_, line) in walls.iter().chain(&shadows) {
-            // What coincides is cut alike, or it would coincide no more.
-            let own = world.soup.sources[line.triangle as usize];
-            let copies = copies.get(&line.triangle).into_iter().flatten();
-            let sources = std::iter::once(own).chain(copies.copied());
-            cuts.extend(sources.map(|source| in_mesh(&loaded.scene, &uses, line, source)));
+            chosen.append(&mut lines);
         }
     }
-    cuts
+    keep_most_of_nodes(&mut chosen, world);
+    let cuts = chosen.iter().flat_map(|line| {
+        let lumel = level.lumel_of(line.triangle).unwrap_or(0.0);
+        // What coincides is cut alike, or it would coincide no more.
+        let own = world.soup.sources[line.triangle as usize];
+        let copies = copies.get(&line.triangle).into_iter().flatten();
+        let sources = std::iter::once(own).chain(copies.copied());
+        sources.map(move |source| in_mesh(scene, uses, (line, lumel), source))
+    });
+    cuts.collect()
+}
+
+/// By surface, which of its lines are noticed. Where a surface bends, the edge of a shadow goes on
+/// as another line, and is noticed if both together are long enough.
+fn noticed(level: &Level, candidates: &BTreeMap<u32, Vec<Chosen>>) -> Vec<Vec<bool>> {
+    let all: Vec<(u32, &Chosen)> = (candidates.iter())
+        .flat_map(|(surface, lines)| lines.iter().map(move |line| (*surface, line)))
+        .collect();
+    let lines = &all[..];
+    let of_surface = move |surface: u32| {
+        let [from, to] = [surface, surface + 1].map(|s| lines.partition_point(|l| l.0 < s));
+        from..to
+    };
+    let lumel = |line: &Chosen| level.lumel_of(line.triangle).unwrap_or(f32::MIN_POSITIVE);
+    let goes_on_as = |k: usize| {
+        let (surface, line) = lines[k];
+        let beside = level.surfaces.beside(surface).iter().copied();
+        beside
+            .flat_map(of_surface)
+            .filter(move |&m| line.meets(lines[m].1, GAP * lumel(line)))
+    };
+    let mut noticed: Vec<Option<bool>> = vec![None; lines.len()];
+    for k in 0..lines.len() {
+        if noticed[k].is_some() {
+            continue;
+        }
+        let mut chain = BTreeSet::from([k]);
+        let mut next = vec![k];
+        while let Some(k) = next.pop() {
+            next.extend(goes_on_as(k).filter(|m| chain.insert(*m)));
+        }
+        let length: f32 = chain.iter().map(|m| lines[*m].1.length).sum();
+        for m in chain {
+            let line = lines[m].1;
+            let worth = line.ends.is_none() || is_worth_it(length, line.differ, lumel(line));
+            noticed[m] = Some(worth);
+        }
+    }
+    let mut noticed = noticed.into_iter().map(|n| n.unwrap_or(false));
+    let lengths = candidates.values().map(Vec::len);
+    lengths
+        .map(|n| noticed.by_ref().take(n).collect())
+        .collect()
+}
+
+/// Takes away the least visible edges of shadows of nodes that have more than [`MOST_OF_NODE`].
+fn keep_most_of_nodes(lines: &mut Vec<Chosen>, world: &World) {
+    let node = |line: &Chosen| {
+        let instance = || world.soup.sources[line.triangle as usize].instance;
+        line.ends.map(|_| instance())
+    };
+    let mut weights: BTreeMap<u32, Vec<f32>> = BTreeMap::new();
+    for line in lines.iter() {
+        if let Some(node) = node(line) {
+            weights.entry(node).or_default().push(line.weight());
+        }
+    }
+    weights.retain(|_, weights| {
+        weights.sort_by(|a, b| b.total_cmp(a));
+        weights.len() > MOST_OF_NODE
+    });
+    lines.retain(|line| {
+        let of_node = node(line).and_then(|node| weights.get(&node));
+        of_node.is_none_or(|weights| line.weight() > weights[MOST_OF_NODE])
+    });
 }
 
 /// By triangle, those that coincide with it, of meshes that can be cut.
@@ -467,22 +566,19 @@ fn copies(world: &World, lumels: &[Option<f32>]) -> BTreeMap<u32, Vec<TriangleSo
     copies
 }
 
-/// Points of the visible elements of each region that has lines.
-fn visible_points(
-    solution: &Solution,
-    world: &World,
-    lines: &BTreeMap<usize, Lines>,
-) -> BTreeMap<usize, Vec<Vec3>> {
-    let cut = &solution.cut;
-    let mut points: BTreeMap<usize, Vec<Vec3>> =
-        lines.keys().map(|&region| (region, Vec::new())).collect();
+/// Points of the visible elements of each surface that has lines.
+fn visible_points(level: &Level, lines: &BTreeMap<u32, Lines>) -> BTreeMap<u32, Vec<Vec3>> {
+    let (world, cut) = (level.world, &level.solution.cut);
+    let mut points: BTreeMap<u32, Vec<Vec3>> =
+        lines.keys().map(|&surface| (surface, Vec::new())).collect();
     for (p, patch) in cut.patches().iter().enumerate() {
         for e in cut.elements_of(PatchId(p as u32)) {
             let element = cut.elements()[e];
-            let of_region = (cut.region_of(element.triangle)).and_then(|r| points.get_mut(&r));
-            if let Some(of_region) = of_region.filter(|_| !patch.hidden) {
+            let surface = level.surfaces.of(element.triangle);
+            let of_surface = surface.and_then(|s| points.get_mut(&s));
+            if let Some(of_surface) = of_surface.filter(|_| !patch.hidden) {
                 let [a, b, c] = world.soup.triangles[element.triangle as usize];
-                of_region.push(a + (b - a) * element.u + (c - a) * element.v);
+                of_surface.push(a + (b - a) * element.u + (c - a) * element.v);
             }
         }
     }
@@ -526,11 +622,11 @@ fn lumel_sizes(loaded: &Loaded, report: &LayoutReport) -> Vec<Option<f32>> {
         .collect()
 }
 
-/// A line as a cut of the mesh of one of its triangles.
+/// A line on a surface with these lumels as a cut of the mesh of one of its triangles.
 fn in_mesh(
     scene: &Scene,
     uses: &BTreeMap<usize, usize>,
-    line: &Chosen,
+    (line, lumel): (&Chosen, f32),
     source: TriangleSource,
 ) -> Cut {
     let instance = &scene.instances[source.instance as usize];
@@ -559,6 +655,7 @@ fn in_mesh(
         normal: (normal / length).as_vec3().to_array(),
         offset: (offset / length) as f32,
         ends,
+        meet: MEET * lumel * from_world.matrix3.determinant().abs().cbrt() as f32,
     }
 }
 

@@ -11,7 +11,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::Vec3;
-use radiosity::{Caster, Ground, Outline, ShadowEdge, Suns};
+use radiosity::{Caster, Ground, Outline, ShadowEdge, Suns, SurfacePoint};
 use rayon::prelude::*;
 
 use super::{Level, SUNLIT_STRIP};
@@ -24,10 +24,15 @@ pub(super) const SOFT: f32 = 0.75;
 const BESIDE: f32 = 0.005;
 
 /// An outline is looked at this often in a lumel …
-const POINTS: f32 = 2.0;
+const POINTS: f32 = 4.0;
 
 /// … and at most this often in all.
 const MOST_POINTS: usize = 1024;
+
+/// What casts shadows is followed over the bends of surfaces until this many casters and surfaces
+/// were looked at, each with each: a finely divided hill under a wood has more of them than edges
+/// that anybody sees.
+const MOST_CASTS: usize = 1 << 18;
 
 /// A straight edge of a shadow.
 pub(super) struct Edge {
@@ -53,86 +58,167 @@ pub(super) struct Shaded {
     pub triangle: u32,
 }
 
-/// All of them, surface by surface.
+/// A side of a surface, and what may cast the edge of a shadow on it.
+type Cast = (u32, bool, Caster);
+
+/// Outlines, by the ends' bits: triangles share edges.
+type Known = BTreeSet<(u32, bool, [[u32; 3]; 2])>;
+
+/// All of them.
 pub(super) fn find(level: &Level) -> Vec<Edge> {
     let suns = Suns::new(level.world);
     if suns.is_empty() {
         return Vec::new();
     }
-    let outlines = outlines(level, &suns);
-    let bounds = bounds(level, &outlines);
-    let edges = (outlines.par_iter())
-        .flat_map_iter(|(region, on, outline)| along(level, &suns, on, outline, bounds[region]));
-    edges.collect()
+    let surfaces = surfaces(level);
+    let mut edges = Vec::new();
+    let mut next = casts(level, &suns);
+    let (mut looked_at, mut known) = (BTreeSet::new(), Known::new());
+    while !next.is_empty() {
+        looked_at.extend(next.keys().copied());
+        let outlines = outlines(level, &suns, &next, &mut known);
+        let found: Vec<(Cast, Outline, Vec<Edge>)> = (outlines.into_par_iter())
+            .map(|(cast, on, outline)| {
+                let found = along(level, &suns, &on, &outline, &surfaces[cast.0 as usize]);
+                (cast, outline, found)
+            })
+            .filter(|(.., found)| !found.is_empty())
+            .collect();
+        // Where a surface bends, its shadows do, and go on.
+        next = BTreeMap::new();
+        let goes_on = looked_at.len() < MOST_CASTS;
+        for ((surface, back, caster), outline, found) in found {
+            let beside = level.surfaces.beside(surface);
+            for &other in beside.iter().filter(|_| goes_on) {
+                let cast = (other, back, caster);
+                if let Some(on) = surfaces[other as usize].shaded(level, back, &found[0].on)
+                    && !looked_at.contains(&cast)
+                    && within(outline.ends, &surfaces[other as usize], on.lumel).is_some()
+                {
+                    next.entry(cast).or_insert(on);
+                }
+            }
+            edges.extend(found);
+        }
+    }
+    edges
 }
 
-/// The outlines that may be edges of shadows, by surface.
-fn outlines(level: &Level, suns: &Suns) -> Vec<(usize, Shaded, Outline)> {
+/// What may cast edges of shadows, by pairs of elements.
+fn casts(level: &Level, suns: &Suns) -> BTreeMap<Cast, Shaded> {
     let cut = &level.solution.cut;
-    let of_pair = |&pair: &[u32; 2]| {
-        let triangle = cut.elements()[pair[0] as usize].triangle;
-        let known = level
-            .difference(pair)
-            .and_then(|differ| Some((differ, level.lumel_of(triangle)?, cut.region_of(triangle)?)));
-        let Some((differ, lumel, region)) = known else {
-            return Vec::new();
-        };
-        let points = level.points(pair);
+    let on = |e: u32, p: &SurfacePoint, differ: f32| {
+        let triangle = cut.elements()[e as usize].triangle;
         let ground = Ground {
-            on: points[0].position,
-            up: points[0].geometric,
+            on: p.position,
+            up: p.geometric,
         };
         let on = Shaded {
             ground,
             differ,
-            lumel,
+            lumel: level.lumel_of(triangle)?,
             triangle,
         };
+        Some((level.surfaces.of(triangle)?, on))
+    };
+    let of_pair = |&pair: &[u32; 2]| {
+        let Some(differ) = level.difference(pair) else {
+            return Vec::new();
+        };
+        let points = level.points(pair);
+        // Of rough ground, each may be on a surface of its own.
+        let mut sides: Vec<(u32, Shaded)> = (pair.iter().zip(&points))
+            .filter_map(|(&e, p)| on(e, p, differ))
+            .collect();
+        sides.dedup_by_key(|(surface, _)| *surface);
+        let Some((_, first)) = sides.first() else {
+            return Vec::new();
+        };
         let back = level.back[pair[0] as usize];
-        let casters = suns.casters(level.world, &points, SOFT * lumel);
-        let found = casters.into_iter().map(|c| ((region, back, c), on));
-        found.collect()
+        let casters = suns.casters(level.world, &points, SOFT * first.lumel);
+        let sides = &sides;
+        (casters.into_iter())
+            .flat_map(|c| sides.iter().map(move |&(s, on)| ((s, back, c), on)))
+            .collect()
     };
     let pairs = cut.neighbours();
     let pairs = pairs.par_iter().with_min_len(1024).flat_map_iter(of_pair);
-    let found: Vec<((usize, bool, Caster), Shaded)> = pairs.collect();
-    let mut casters: BTreeMap<(usize, bool, Caster), Shaded> = BTreeMap::new();
+    let found: Vec<(Cast, Shaded)> = pairs.collect();
+    let mut casts: BTreeMap<Cast, Shaded> = BTreeMap::new();
     for (key, on) in found {
-        let differ = &mut casters.entry(key).or_insert(on).differ;
+        let differ = &mut casts.entry(key).or_insert(on).differ;
         // Elements in the penumbra differ less.
         *differ = differ.max(on.differ);
     }
+    casts
+}
+
+/// The outlines that may be edges of shadows and are not known yet.
+fn outlines(
+    level: &Level,
+    suns: &Suns,
+    casts: &BTreeMap<Cast, Shaded>,
+    known: &mut Known,
+) -> Vec<(Cast, Shaded, Outline)> {
     let mut out = Vec::new();
-    let mut known = BTreeSet::new();
-    for ((region, back, caster), on) in casters {
+    for (&(surface, back, caster), on) in casts {
         for outline in suns.outlines(level.world, caster, &on.ground) {
-            // Triangles share edges.
             let mut ends = outline.ends.map(|p| p.to_array().map(f32::to_bits));
             ends.sort_unstable();
-            if known.insert((region, back, ends)) {
-                out.push((region, on, outline));
+            if known.insert((surface, back, ends)) {
+                out.push(((surface, back, caster), *on, outline));
             }
         }
     }
     out
 }
 
-/// The corners of the boxes around the surfaces.
-fn bounds(level: &Level, outlines: &[(usize, Shaded, Outline)]) -> BTreeMap<usize, [Vec3; 2]> {
-    let none = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-    let mut bounds: BTreeMap<usize, [Vec3; 2]> = outlines
-        .iter()
-        .map(|(region, ..)| (*region, none))
-        .collect();
-    for (triangle, corners) in (0u32..).zip(&level.world.soup.triangles) {
-        let region = level.solution.cut.region_of(triangle);
-        if let Some([low, high]) = region.and_then(|region| bounds.get_mut(&region)) {
-            for p in corners {
-                (*low, *high) = (low.min(*p), high.max(*p));
-            }
+/// A flat piece of surface.
+#[derive(Clone)]
+struct Surface {
+    /// The corners of the box around it.
+    low: Vec3,
+    high: Vec3,
+    /// A triangle of it.
+    triangle: u32,
+}
+
+impl Surface {
+    /// As the ground of a shadow that is on another surface, too; `None` if it is not cut.
+    fn shaded(&self, level: &Level, back: bool, other: &Shaded) -> Option<Shaded> {
+        let soup = level.world.soup;
+        let up = soup.normals[self.triangle as usize];
+        Some(Shaded {
+            ground: Ground {
+                on: soup.triangles[self.triangle as usize][0],
+                up: if back { -up } else { up },
+            },
+            differ: other.differ,
+            lumel: level.lumel_of(self.triangle)?,
+            triangle: self.triangle,
+        })
+    }
+}
+
+/// All surfaces.
+fn surfaces(level: &Level) -> Vec<Surface> {
+    let none = Surface {
+        low: Vec3::INFINITY,
+        high: Vec3::NEG_INFINITY,
+        triangle: 0,
+    };
+    let mut surfaces = vec![none; level.surfaces.len()];
+    for (triangle, corners) in (0u32..).zip(level.world.soup.seen_triangles()) {
+        if let Some(surface) = level.surfaces.of(triangle) {
+            let Surface { low, high, .. } = surfaces[surface as usize];
+            surfaces[surface as usize] = Surface {
+                low: corners.iter().fold(low, |low, p| low.min(*p)),
+                high: corners.iter().fold(high, |high, p| high.max(*p)),
+                triangle,
+            };
         }
     }
-    bounds
+    surfaces
 }
 
 /// What of an outline is the edge of a shadow, with the shade on either side of it.
@@ -141,9 +227,9 @@ fn along(
     suns: &Suns,
     on: &Shaded,
     outline: &Outline,
-    bounds: [Vec3; 2],
+    surface: &Surface,
 ) -> Vec<Edge> {
-    let Some(ends) = within(outline.ends, bounds, on.lumel) else {
+    let Some(ends) = within(outline.ends, surface, on.lumel) else {
         return Vec::new();
     };
     let length = ends[0].distance(ends[1]);
@@ -170,8 +256,9 @@ fn along(
         .collect()
 }
 
-/// The part of a line in a box, with this much around it.
-fn within([a, b]: [Vec3; 2], [low, high]: [Vec3; 2], around: f32) -> Option<[Vec3; 2]> {
+/// The part of a line in the box of a surface, with this much around it.
+fn within([a, b]: [Vec3; 2], surface: &Surface, around: f32) -> Option<[Vec3; 2]> {
+    let Surface { low, high, .. } = *surface;
     let (mut from, mut to) = (0.0f32, 1.0f32);
     for k in 0..3 {
         let (start, way) = (a[k], b[k] - a[k]);

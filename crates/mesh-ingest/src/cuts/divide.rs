@@ -1,6 +1,6 @@
 //! The geometry of cuts: triangles and lines in, triangles on either side out.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use glam::{DVec3, Vec3};
 
@@ -19,6 +19,9 @@ pub(super) struct Line {
 /// Triangles belong to a flat piece if their normals are within 1° of the first one's.
 const FLAT: f64 = 0.999_85;
 
+/// Pieces whose bend has this cosine at least may share a chart: 45°.
+const JOINED: f64 = 0.7;
+
 /// Vertices closer to a line than this fraction of the piece's size are on it, so that no slivers
 /// arise.
 const ON_LINE: f64 = 1e-4;
@@ -35,13 +38,42 @@ fn place(p: [f32; 3]) -> Place {
 /// An edge of an original triangle, by the places of its ends in ascending order.
 type Edge = [Place; 2];
 
+/// The length of an edge with its ends.
+fn length(edge: &Edge) -> f64 {
+    let [from, to] = edge.map(|p| Vec3::from(p.map(f32::from_bits)).as_dvec3());
+    from.distance(to)
+}
+
 /// New vertices on original edges: how far each is from the edge's first end, and where.
 #[derive(Debug, Default)]
-pub(super) struct Edges(BTreeMap<Edge, Vec<(f64, [f32; 3])>>);
+pub(super) struct Edges {
+    points: BTreeMap<Edge, Vec<(f64, [f32; 3])>>,
+    /// Lines of two pieces that end this close to each other on their common edge meet there.
+    /// Otherwise a sliver of the one piece would join the lit chart of the other with its shaded
+    /// one.
+    meet: f64,
+}
 
 impl Edges {
+    /// None yet.
+    pub fn new(meet: f64) -> Edges {
+        Edges {
+            points: BTreeMap::new(),
+            meet,
+        }
+    }
+
+    /// The vertex that meets one at this fraction of an edge, with its own fraction.
+    fn near(&self, edge: &Edge, at: f64) -> Option<(f64, [f32; 3])> {
+        let points = self.points.get(edge)?.iter().copied();
+        let apart = |p: &(f64, [f32; 3])| (p.0 - at).abs();
+        points
+            .filter(|p| apart(p) * length(edge) < self.meet)
+            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
+    }
+
     fn add(&mut self, edge: Edge, at: f64, position: [f32; 3]) {
-        let points = self.0.entry(edge).or_default();
+        let points = self.points.entry(edge).or_default();
         if points.iter().all(|(_, p)| place(*p) != place(position)) {
             points.push((at, position));
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -58,8 +90,10 @@ pub(super) struct Divided {
     on: Vec<Option<(Edge, f64)>>,
     /// New vertices.
     added: Vec<Between>,
-    /// Triangles with their colour. Neighbours on either side of a line have different ones.
+    /// Triangles with the cell that each is of.
     triangles: Vec<([u32; 3], u32)>,
+    /// By cell, the number of the flat piece that it is a part of.
+    cells: Vec<usize>,
     original: usize,
 }
 
@@ -78,6 +112,7 @@ impl Divided {
             positions,
             added: Vec::new(),
             triangles: triangles.iter().map(|t| (*t, 0)).collect(),
+            cells: vec![0],
         };
         if lines.is_empty() {
             return out;
@@ -87,33 +122,38 @@ impl Divided {
         let mut pieces: Vec<(Vec<u32>, Vec<&Line>)> = Vec::new();
         let mut piece_of: Vec<Option<usize>> = vec![None; triangles.len()];
         let neighbours = Neighbours::new(&out.positions, triangles);
-        for line in lines {
-            let seed = line.triangle as usize;
-            if seed >= triangles.len() {
-                continue;
-            }
-            if let Some(known) = piece_of[seed] {
-                pieces[known].1.push(line);
-                continue;
-            }
-            let free = |t: u32| piece_of[t as usize].is_none();
-            let piece = out.piece(triangles, line.triangle, &neighbours, &free);
-            for &t in &piece {
-                piece_of[t as usize] = Some(pieces.len());
-            }
-            pieces.push((piece, vec![line]));
+        let lines = lines.iter().map(|line| (line.triangle, Some(line)));
+        let others = (0..triangles.len() as u32).map(|t| (t, None));
+        for (seed, line) in lines.chain(others) {
+            let piece = match piece_of.get(seed as usize) {
+                None => continue,
+                Some(Some(known)) => *known,
+                Some(None) => {
+                    let free = |t: u32| piece_of[t as usize].is_none();
+                    let piece = out.piece(triangles, seed, &neighbours, &free);
+                    for &t in &piece {
+                        piece_of[t as usize] = Some(pieces.len());
+                    }
+                    pieces.push((piece, Vec::new()));
+                    pieces.len() - 1
+                }
+            };
+            pieces[piece].1.extend(line);
         }
-        let mut parts = Vec::new();
-        for (piece, lines) in &pieces {
-            parts.extend(out.cut(triangles, piece, lines));
-        }
-        let kept = (triangles.iter().zip(&piece_of)).filter(|(_, piece)| piece.is_none());
-        out.triangles = kept.map(|(t, _)| (*t, 0)).collect();
-        out.triangles.extend(parts);
-        for (on, position) in out.on.iter().zip(&out.positions) {
-            if let Some((edge, at)) = on {
-                edges.add(*edge, *at, *position);
+        out.triangles.clear();
+        out.cells.clear();
+        for (number, (piece, lines)) in pieces.iter().enumerate() {
+            let known = out.positions.len();
+            let (parts, cells) = out.cut(triangles, piece, lines, edges);
+            for (on, position) in out.on.iter().zip(&out.positions).skip(known) {
+                if let Some((edge, at)) = on {
+                    edges.add(*edge, *at, *position);
+                }
             }
+            let first = out.cells.len() as u32;
+            let parts = parts.into_iter().map(|(t, cell)| (t, first + cell));
+            out.triangles.extend(parts);
+            out.cells.extend(vec![number; cells as usize]);
         }
         out
     }
@@ -149,13 +189,14 @@ impl Divided {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// The parts of a piece, with their colours.
+    /// The parts of a piece with their cells, and the number of these.
     fn cut(
         &mut self,
         triangles: &[[u32; 3]],
         piece: &[u32],
         lines: &[&Line],
-    ) -> Vec<([u32; 3], u32)> {
+        edges: &Edges,
+    ) -> (Vec<([u32; 3], u32)>, u32) {
         let corners = || piece.iter().flat_map(|&t| triangles[t as usize]);
         let (low, high) = corners().fold((DVec3::MAX, DVec3::MIN), |(low, high), v| {
             (low.min(self.at(v)), high.max(self.at(v)))
@@ -169,12 +210,9 @@ impl Divided {
             .collect();
         let mut cells = 1;
         for line in lines {
-            self.cut_along(line, (near, up), &mut parts, &mut cells);
+            self.cut_along(line, (near, up), edges, &mut parts, &mut cells);
         }
-        let colours = self.colours(&parts, cells);
-        (parts.into_iter())
-            .map(|(t, cell)| (t, colours[cell as usize]))
-            .collect()
+        (parts, cells)
     }
 
     /// Divides the cells that a line enters.
@@ -182,6 +220,7 @@ impl Divided {
         &mut self,
         line: &Line,
         (near, up): (f64, DVec3),
+        edges: &Edges,
         parts: &mut Vec<([u32; 3], u32)>,
         cells: &mut u32,
     ) {
@@ -194,7 +233,8 @@ impl Divided {
         let along = line.normal.cross(up);
         let range = line.ends.map(|ends| {
             let [a, b] = ends.map(|p| along.dot(p));
-            [a.min(b), a.max(b)]
+            // One that ends at another is not to enter the cell beyond by rounding.
+            [a.min(b) + near * length, a.max(b) - near * length]
         });
         let mut entered: BTreeMap<u32, u32> = BTreeMap::new();
         for (t, cell) in parts.iter() {
@@ -215,7 +255,7 @@ impl Divided {
             match entered.get(cell) {
                 Some(&above) => {
                     let h = heights(self, t);
-                    self.halve(*t, h, [*cell, above], &mut made, &mut next);
+                    self.halve(*t, h, [*cell, above], edges, &mut made, &mut next);
                 }
                 None => others.push((*t, *cell)),
             }
@@ -235,7 +275,7 @@ impl Divided {
                 continue;
             };
             let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-            let m = self.between([a, b], [h[k], h[(k + 1) % 3]], &mut made);
+            let m = self.between([a, b], [h[k], h[(k + 1) % 3]], edges, &mut made);
             others.push(([m, b, c], cell));
             others.push(([a, m, c], cell));
         }
@@ -249,6 +289,7 @@ impl Divided {
         t: [u32; 3],
         h: [f64; 3],
         [below, above]: [u32; 2],
+        edges: &Edges,
         made: &mut BTreeMap<[u32; 2], u32>,
         out: &mut Vec<([u32; 3], u32)>,
     ) {
@@ -271,7 +312,7 @@ impl Divided {
         };
         let mut meet = |v: u32, hv: f64| match hv == 0.0 {
             true => v,
-            false => self.between([p, v], [h[k], hv], made),
+            false => self.between([p, v], [h[k], hv], edges, made),
         };
         let (m, n) = (meet(a, ha), meet(b, hb));
         out.push(([p, m, n], own));
@@ -302,34 +343,55 @@ impl Divided {
         most > range[0] && least < range[1]
     }
 
-    /// A colour for each cell, other than those of its neighbours: two if the lines go through, and
-    /// hardly more than four.
-    fn colours(&self, parts: &[([u32; 3], u32)], cells: u32) -> Vec<u32> {
-        let mut of_edge: BTreeMap<Edge, u32> = BTreeMap::new();
-        let mut beside: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); cells as usize];
-        for (t, cell) in parts {
+    /// A colour for each cell, other than those of its neighbours on the same piece: two if the
+    /// lines go through, and hardly more than four. From piece to piece colours go on, as charts
+    /// do, so that one that is not to be on both sides of a line gets no piece of the other side
+    /// either.
+    fn colours(&self) -> Vec<u32> {
+        let mut of_edge: BTreeMap<Edge, Vec<(u32, DVec3)>> = BTreeMap::new();
+        let mut beside: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); self.cells.len()];
+        let mut joined: Vec<BTreeMap<u32, f64>> = vec![BTreeMap::new(); self.cells.len()];
+        for (t, cell) in &self.triangles {
+            let normal = self.normal(*t);
             for edge in edges_of(*t, &self.positions) {
-                let other = *of_edge.entry(edge).or_insert(*cell);
-                if other != *cell {
-                    beside[other as usize].insert(*cell);
-                    beside[*cell as usize].insert(other);
+                let sides = of_edge.entry(edge).or_default();
+                for (other, beyond) in sides.iter() {
+                    let [a, b] = [*cell, *other].map(|c| c as usize);
+                    if a != b && self.cells[a] == self.cells[b] {
+                        beside[a].insert(*other);
+                        beside[b].insert(*cell);
+                    } else if a != b && normal.dot(*beyond) >= JOINED {
+                        *joined[a].entry(*other).or_default() += length(&edge);
+                        *joined[b].entry(*cell).or_default() += length(&edge);
+                    }
                 }
+                sides.push((*cell, normal));
             }
         }
         const NONE: u32 = u32::MAX;
-        let mut colours = vec![NONE; cells as usize];
-        for start in 0..cells {
+        let mut colours = vec![NONE; self.cells.len()];
+        for start in 0..self.cells.len() as u32 {
             // From neighbour to neighbour, so that a chessboard gets two colours.
-            let mut queue = std::collections::VecDeque::from([start]);
+            let mut queue = VecDeque::from([start]);
             while let Some(cell) = queue.pop_front() {
-                if colours[cell as usize] != NONE {
+                let cell = cell as usize;
+                if colours[cell] != NONE {
                     continue;
                 }
-                let taken: BTreeSet<u32> = (beside[cell as usize].iter())
+                let taken: BTreeSet<u32> = (beside[cell].iter())
                     .map(|&n| colours[n as usize])
                     .collect();
-                colours[cell as usize] = (0..).find(|c| !taken.contains(c)).unwrap_or(0);
-                queue.extend(&beside[cell as usize]);
+                let mut liked: BTreeMap<u32, f64> = BTreeMap::new();
+                for (&n, length) in &joined[cell] {
+                    *liked.entry(colours[n as usize]).or_default() += length;
+                }
+                let free = |c: &u32| *c != NONE && !taken.contains(c);
+                let most =
+                    (liked.iter().filter(|(c, _)| free(c))).max_by(|a, b| a.1.total_cmp(b.1));
+                let lowest = || (0..).find(free).unwrap_or(0);
+                colours[cell] = most.map_or_else(lowest, |(c, _)| *c);
+                beside[cell].iter().for_each(|n| queue.push_front(*n));
+                queue.extend(joined[cell].keys());
             }
         }
         colours
@@ -347,6 +409,7 @@ impl Divided {
         &mut self,
         [a, b]: [u32; 2],
         [ha, hb]: [f64; 2],
+        edges: &Edges,
         made: &mut BTreeMap<[u32; 2], u32>,
     ) -> u32 {
         // The same order for all triangles, also for vertices that differ only in attributes.
@@ -359,20 +422,40 @@ impl Divided {
             return v;
         }
         let at = ha / (ha - hb);
-        let position = self.at(a).lerp(self.at(b), at).as_vec3().to_array();
+        let (at, position) = self.met([a, b], at, edges).unwrap_or_else(|| {
+            let p = self.at(a).lerp(self.at(b), at);
+            (at, p.as_vec3().to_array())
+        });
         let v = self.add([a, b], at, position);
         made.insert([a, b], v);
         v
     }
 
+    /// The vertex of another piece that meets one at this fraction of an edge, with its own
+    /// fraction.
+    fn met(&self, [a, b]: [u32; 2], at: f64, edges: &Edges) -> Option<(f64, [f32; 3])> {
+        let edge = self.edge_of([a, b])?;
+        let [from, to] = [a, b].map(|v| self.along(v, &edge));
+        let (own, position) = edges.near(&edge, from + at * (to - from))?;
+        let at = (own - from) / (to - from);
+        let ends = [a, b].map(|v| place(self.positions[v as usize]));
+        (at > 0.0 && at < 1.0 && !ends.contains(&place(position))).then_some((at, position))
+    }
+
+    /// How far along an original edge a vertex on it is.
+    fn along(&self, v: u32, edge: &Edge) -> f64 {
+        match self.on[v as usize] {
+            Some((_, at)) => at,
+            None if place(self.positions[v as usize]) == edge[0] => 0.0,
+            None => 1.0,
+        }
+    }
+
     fn add(&mut self, parents: [u32; 2], at: f64, position: [f32; 3]) -> u32 {
         let on = self.edge_of(parents).map(|edge| {
-            let [from, to] = edge.map(|p| Vec3::from(p.map(f32::from_bits)).as_dvec3());
-            let p = Vec3::from(position).as_dvec3();
-            (
-                edge,
-                from.distance(p) / from.distance(to).max(f64::MIN_POSITIVE),
-            )
+            let from = Vec3::from(edge[0].map(f32::from_bits)).as_dvec3();
+            let along = from.distance(Vec3::from(position).as_dvec3());
+            (edge, along / length(&edge).max(f64::MIN_POSITIVE))
         });
         self.on.push(on);
         self.positions.push(position);
@@ -397,20 +480,20 @@ impl Divided {
 
     /// Divides triangles whose edges have vertices of neighbours on them.
     pub fn join(&mut self, edges: &Edges) {
-        if edges.0.is_empty() {
+        if edges.points.is_empty() {
             return;
         }
         let mut todo = std::mem::take(&mut self.triangles);
         todo.reverse();
         let mut made = BTreeMap::new();
-        while let Some((t, colour)) = todo.pop() {
+        while let Some((t, cell)) = todo.pop() {
             match (0..3).find_map(|k| self.point_on([t[k], t[(k + 1) % 3]], edges, &mut made)) {
-                None => self.triangles.push((t, colour)),
+                None => self.triangles.push((t, cell)),
                 Some((k, m)) => {
                     let k = t.iter().position(|v| *v == k).unwrap_or(0);
                     let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-                    todo.push(([m, b, c], colour));
-                    todo.push(([a, m, c], colour));
+                    todo.push(([m, b, c], cell));
+                    todo.push(([a, m, c], cell));
                 }
             }
         }
@@ -424,17 +507,12 @@ impl Divided {
         made: &mut BTreeMap<([u32; 2], Place), u32>,
     ) -> Option<(u32, u32)> {
         let edge = self.edge_of([a, b])?;
-        let along = |v: u32| match self.on[v as usize] {
-            Some((_, at)) => at,
-            None if place(self.positions[v as usize]) == edge[0] => 0.0,
-            None => 1.0,
-        };
-        let (from, to) = (along(a), along(b));
+        let (from, to) = (self.along(a, &edge), self.along(b, &edge));
         let (low, high) = (from.min(to), from.max(to));
         let ends = [a, b].map(|v| place(self.positions[v as usize]));
         let inside =
             |(at, p): &&(f64, [f32; 3])| *at > low && *at < high && !ends.contains(&place(*p));
-        let &(at, position) = edges.0.get(&edge)?.iter().find(inside)?;
+        let &(at, position) = edges.points.get(&edge)?.iter().find(inside)?;
         let key = ([a.min(b), a.max(b)], place(position));
         let v = match made.get(&key) {
             Some(&v) => v,
@@ -450,7 +528,8 @@ impl Divided {
 
     /// Whether there is nothing to write.
     pub fn is_unchanged(&self) -> bool {
-        self.added.is_empty() && self.triangles.iter().all(|t| t.1 == 0)
+        let parted = self.cells.windows(2).any(|pair| pair[0] == pair[1]);
+        self.added.is_empty() && !parted
     }
 
     /// New vertices, whose parents come before them.
@@ -465,10 +544,11 @@ impl Divided {
 
     /// The triangles of each colour.
     pub fn by_colour(&self) -> Vec<Vec<[u32; 3]>> {
-        let colours = self.triangles.iter().map(|t| t.1 + 1).max().unwrap_or(0);
-        let mut out = vec![Vec::new(); colours as usize];
-        for (t, colour) in &self.triangles {
-            out[*colour as usize].push(*t);
+        let colours = self.colours();
+        let count = colours.iter().map(|c| c + 1).max().unwrap_or(0);
+        let mut out = vec![Vec::new(); count as usize];
+        for (t, cell) in &self.triangles {
+            out[colours[*cell as usize] as usize].push(*t);
         }
         out
     }
@@ -660,6 +740,69 @@ mod tests {
         let sum = area(&d, &near) + area(&d, &far);
         // Eight strips of 2 m²; positions are f32.
         assert!((sum - 16.0).abs() < 1e-4, "{sum}");
+    }
+
+    #[test]
+    fn colours_go_on_where_a_surface_bends_a_little() {
+        // Strips of 1 × 2 m, each bent by 10° from the one before; x = 0.5 cuts all but the last.
+        let (mut at, mut positions) = ([0.0f32, 0.0], Vec::new());
+        for k in 0..5 {
+            let [y, z] = at;
+            positions.extend([[0.0, y, z], [2.0, y, z]]);
+            let (sin, cos) = libm::sincosf((10.0 * k as f32).to_radians());
+            at = [y + cos, z + sin];
+        }
+        let strip = |k: u32| [[2 * k, 2 * k + 1, 2 * k + 3], [2 * k, 2 * k + 3, 2 * k + 2]];
+        let triangles: Vec<[u32; 3]> = (0..4).flat_map(strip).collect();
+        let cut = |triangle, side: f64| Line {
+            triangle,
+            ..line([side, 0.0, 0.0], 0.5 * side)
+        };
+        // What is above a line of one strip is below that of the next.
+        let lines = [cut(0, 1.0), cut(2, -1.0), cut(4, 1.0)];
+        let mut edges = Edges::default();
+        let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
+        d.join(&edges);
+        for (part, right) in two_colours(&d).iter().zip([false, true]) {
+            for t in part {
+                let middle = t.map(|v| d.at(v)).into_iter().sum::<DVec3>() / 3.0;
+                // The last strip goes with the wider parts.
+                let is_last = t.iter().all(|v| d.at(*v).y > 2.9);
+                assert_eq!(middle.x > 0.5 || is_last, right, "{middle}");
+            }
+        }
+    }
+
+    #[test]
+    fn lines_of_two_pieces_meet_on_their_edge() {
+        // A square in z = 0 and one that rises from its edge y = 2.
+        let (mut positions, mut triangles) = square_and_wall();
+        positions.truncate(4);
+        positions.extend([[2.0, 4.0, 0.5], [0.0, 4.0, 0.5]]);
+        triangles.truncate(2);
+        triangles.extend([[3, 2, 4], [3, 4, 5]]);
+        let beside = Line {
+            triangle: 2,
+            ..line([1.0, 0.0, 0.0], 0.501)
+        };
+        let lines = [line([1.0, 0.0, 0.0], 0.5), beside];
+        let divided = |meet| {
+            let mut edges = Edges::new(meet);
+            let mut d = Divided::new(positions.clone(), &triangles, &lines, &mut edges);
+            d.join(&edges);
+            d
+        };
+        let on_the_edge = |d: &Divided| {
+            let new = (d.positions.iter().skip(d.original)).filter(|p| p[1] == 2.0);
+            new.map(|p| place(*p)).collect::<BTreeSet<_>>()
+        };
+        let d = divided(2e-3);
+        for t in two_colours(&d).iter().flatten() {
+            assert!(area(&d, &[*t]) > 0.1, "{t:?}");
+        }
+        assert_eq!(on_the_edge(&d), [place([0.5, 2.0, 0.0])].into());
+        // Too far from each other to meet.
+        assert_eq!(on_the_edge(&divided(5e-4)).len(), 2);
     }
 
     #[test]

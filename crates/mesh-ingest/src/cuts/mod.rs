@@ -46,6 +46,8 @@ pub struct Cut {
     /// The ends of the line on the piece; `None` if it goes through. Other cuts come before it, and
     /// it goes on to the nearest of them, or to the piece's border.
     pub ends: Option<[[f32; 3]; 2]>,
+    /// Cuts of neighbouring pieces that end this close to each other meet, in the mesh's units.
+    pub meet: f32,
 }
 
 /// Whether a mesh can be cut: all of its primitives are triangle lists of plain accessors with
@@ -117,7 +119,8 @@ fn cut_mesh(
     let raw = (items.iter())
         .map(|item| document.read_primitive(item, Want::All))
         .collect::<Outcome<Vec<_>>>()?;
-    let mut edges = Edges::default();
+    let meet = cuts.iter().map(|c| c.meet).fold(0.0, f32::max);
+    let mut edges = Edges::new(f64::from(meet));
     let mut divided: Vec<Divided> = Vec::with_capacity(raw.len());
     for (number, raw) in raw.iter().enumerate() {
         let lines = (cuts.iter().filter(|c| c.primitive == number)).map(|c| Line {

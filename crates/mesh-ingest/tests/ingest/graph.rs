@@ -327,6 +327,7 @@ fn a_node_that_shares_its_mesh_is_cut_alone() {
         normal: [1.0, 0.0, 0.0],
         offset: 0.25,
         ends: None,
+        meet: 0.0,
     };
     let with = |cuts| LoadOptions {
         cuts,
