@@ -32,7 +32,7 @@ impl<'p> Parted<'p> {
             for place in places {
                 let (page, at) = place[side];
                 let (size, tags) = (pages[page as usize], &mut tags[page as usize]);
-                tags.resize((size[0] * size[1]) as usize, 0);
+                tags.resize(size[0] as usize * size[1] as usize, 0);
                 for (texel, _) in lookup(size, at) {
                     tags[texel] |= tag;
                 }
