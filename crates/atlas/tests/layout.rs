@@ -64,19 +64,27 @@ fn a_box_has_six_charts_and_a_hard_edged_strip_none_across() {
     assert!(report.meshes[0].stretch < 1.001, "{:?}", report.meshes[0]);
 }
 
-/// The side of a barrel: twelve staves, 0.5 m wide and 1.5 m tall, that meet at 30°.
-fn barrel(smooth: bool) -> Mesh {
+/// The side of a barrel: twelve staves, 0.5 m wide where the profile's radius is 1, that meet at
+/// 30°. `profile` has a height in metres and a radius for each ring.
+fn barrel(profile: &[(f32, f32)], smooth: bool) -> Mesh {
+    let rings = profile.len() as u32;
     let out = |i: u32| Vec3::X.rotate_y(std::f32::consts::TAU * i as f32 / 12.0);
     let radius = 0.25 / (std::f32::consts::PI / 12.0).sin();
-    let at = |i: u32| [out(i) * radius, out(i) * radius + 1.5 * Vec3::Y];
+    let at = |i: u32| {
+        let ring = move |&(y, r): &(f32, f32)| out(i) * radius * r + y * Vec3::Y;
+        profile.iter().map(ring)
+    };
     let positions: Vec<Vec3> = (0..12).flat_map(at).collect();
     let stave = |i: u32| {
-        let [a, b] = [2 * i, 2 * ((i + 1) % 12)];
-        [[a, b, b + 1], [a, b + 1, a + 1]]
+        (0..rings - 1).flat_map(move |k| {
+            let [a, b] = [rings * i + k, rings * ((i + 1) % 12) + k];
+            [[a, b, b + 1], [a, b + 1, a + 1]]
+        })
     };
     let mut barrel = mesh(positions, (0..12).flat_map(stave).collect());
     if smooth {
-        barrel.primitives[0].normals = (0..12).flat_map(|i| [out(i); 2]).collect();
+        let around = |i| std::iter::repeat_n(out(i), rings as usize);
+        barrel.primitives[0].normals = (0..12).flat_map(around).collect();
     }
     barrel
 }
@@ -84,7 +92,8 @@ fn barrel(smooth: bool) -> Mesh {
 #[test]
 fn facets_are_charts_where_they_are_shaded_hard_and_not_tiny() {
     let charts = |smooth, density| {
-        let (_, report) = lay_out_lone(barrel(smooth), &at_density(density));
+        let sides = barrel(&[(0.0, 1.0), (1.5, 1.0)], smooth);
+        let (_, report) = lay_out_lone(sides, &at_density(density));
         report.meshes[0].charts
     };
     // A stave has 12, 2.4 and 1.7 lumels.
@@ -96,6 +105,18 @@ fn facets_are_charts_where_they_are_shaded_hard_and_not_tiny() {
         [4.0, 1.8, 1.5].map(|density| charts(true, density)),
         [1, 1, 1]
     );
+}
+
+#[test]
+fn small_facets_join_no_large_ones() {
+    // Staves of 12 lumels with rims of 0.4 at 16°, which meet each other and the staves at creases
+    // too. Each rim belongs to its stave, and the staves stay apart.
+    let drum = barrel(
+        &[(0.0, 0.985), (0.05, 1.0), (1.55, 1.0), (1.6, 0.985)],
+        false,
+    );
+    let (_, report) = lay_out_lone(drum, &at_density(4.0));
+    assert_eq!(report.meshes[0].charts, 12);
 }
 
 #[test]

@@ -16,7 +16,8 @@ pub const CREASE_DEGREES: f64 = 40.0;
 const FACET_DEGREES: f64 = SMOOTH_NORMAL_DEGREES;
 
 /// Area in lumels from which a facet is worth borders of its own. A sphere of such facets needs
-/// twice the texels of a smooth one.
+/// twice the texels of a smooth one. Smaller ones share a chart with each other, or with one of
+/// these, but never join two of them: the rims of a pillar's drums would draw its sides round.
 const FACET_LUMELS: f64 = 2.0;
 
 /// Edges sharper than this, in degrees, are always chart borders, whatever the normals are.
@@ -74,7 +75,7 @@ impl UnwrapInput {
         }
         let faces = input.face_normals();
         let creases = input.connect(&faces, &normals);
-        input.part_facets(&creases);
+        input.part_facets(&creases, &faces);
         input
     }
 
@@ -144,8 +145,9 @@ impl UnwrapInput {
         creases
     }
 
-    /// Makes those creases chart borders that part facets of [`FACET_LUMELS`] on both sides.
-    fn part_facets(&mut self, creases: &[[(usize, usize); 2]]) {
+    /// Makes creases chart borders so that no two facets of [`FACET_LUMELS`] are connected across
+    /// them. Smaller facets go to a neighbour across their flattest crease first.
+    fn part_facets(&mut self, creases: &[[(usize, usize); 2]], faces: &[DVec3]) {
         if creases.is_empty() {
             return;
         }
@@ -157,11 +159,24 @@ impl UnwrapInput {
         for (area, &facet) in self.areas().iter().zip(&facet) {
             areas[facet as usize] += area;
         }
+        let mut groups = Groups {
+            parent: (0..count).collect(),
+            large: areas.iter().map(|&a| a >= FACET_LUMELS).collect(),
+        };
+        let mut order: Vec<u32> = (0..creases.len() as u32).collect();
+        let cosine = |c: u32| {
+            let [(t, _), (u, _)] = creases[c as usize];
+            faces[t].dot(faces[u])
+        };
+        order.par_sort_unstable_by(|&a, &b| cosine(b).total_cmp(&cosine(a)).then(a.cmp(&b)));
+        for &c in &order {
+            let [a, b] = creases[c as usize].map(|(t, _)| facet[t]);
+            groups.join(a, b);
+        }
         for sides in creases {
-            let [a, b] = sides.map(|(t, _)| facet[t] as usize);
-            let parted = a != b && areas[a].min(areas[b]) >= FACET_LUMELS;
+            let [a, b] = sides.map(|(t, _)| groups.of(facet[t]));
             for &(t, k) in sides {
-                self.seams[t][k] = parted;
+                self.seams[t][k] = a != b;
             }
         }
     }
@@ -189,6 +204,36 @@ impl UnwrapInput {
             next += 1;
         }
         (label, next)
+    }
+}
+
+/// Facets that may share a chart: disjoint sets, of which two with a large facet are never joined.
+struct Groups {
+    /// Another facet of the same set; the set's first facet has itself.
+    parent: Vec<u32>,
+    /// Of a set's first facet: whether one of the set is large.
+    large: Vec<bool>,
+}
+
+impl Groups {
+    /// The first facet of the set that `facet` is in.
+    fn of(&mut self, mut facet: u32) -> u32 {
+        while self.parent[facet as usize] != facet {
+            let above = self.parent[self.parent[facet as usize] as usize];
+            self.parent[facet as usize] = above;
+            facet = above;
+        }
+        facet
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.of(a), self.of(b));
+        let (first, other) = (a.min(b), a.max(b));
+        if first == other || (self.large[first as usize] && self.large[other as usize]) {
+            return;
+        }
+        self.parent[other as usize] = first;
+        self.large[first as usize] |= self.large[other as usize];
     }
 }
 
