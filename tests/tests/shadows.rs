@@ -5,7 +5,7 @@ use lumel::{Bake, Quality, Settings};
 use lumel_tests::geometry::{Geometry, cuboid, grid};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
-use crate::common::{at, bake, lumels_of};
+use crate::common::{Seen, at, bake, lumels_of};
 use crate::surfaces::edited;
 
 const LUX: f32 = 3.0;
@@ -134,6 +134,33 @@ fn a_strip_of_sun_is_narrower_than_a_lumel() {
     assert!(cut < 0.001, "{cut}");
 }
 
+/// The frame of a window stands in its reveal, one lumel deep, with a third of a lumel before it and
+/// beyond it. Opposite is a wall, as a strip that nobody sees is not worth a chart.
+#[test]
+fn a_strip_before_a_frame_has_no_light_from_beyond_it() {
+    let reveal = grid(
+        Vec3::new(-2.0, 0.0, -0.2),
+        Vec3::Z * 0.2,
+        Vec3::X * 4.0,
+        [1, 1],
+    );
+    let frame = [Vec3::new(-2.0, 0.0, -0.14), Vec3::new(2.0, 0.5, -0.07)];
+    let wall = [Vec3::new(-3.0, 0.0, 2.0), Vec3::new(3.0, 3.0, 2.1)];
+    let glb = boxes_on(&reveal, &[frame, wall], 0.0, 0.0);
+    let [whole, cut] = [false, true].map(|cut| {
+        let lumels = lumels_of(&bake(&glb, &settings(cut)), "ground");
+        let lit = |l: &&Seen| l.red() > 0.5 * f64::from(LUX);
+        let dark = |l: &&Seen| l.red() < 0.01 * f64::from(LUX);
+        [
+            lumels.iter().filter(lit).count(),
+            lumels.iter().filter(dark).count(),
+        ]
+    });
+    // Left whole it has one row of lumels, which is one or the other.
+    assert_eq!(whole.into_iter().min(), Some(0), "{whole:?}");
+    assert!(cut.iter().all(|&n| n >= 20), "{cut:?}");
+}
+
 /// Facets of a metre, bent by 1.5 to 12 degrees at their edges. Patches take them for one surface.
 #[test]
 fn a_shadow_on_rough_ground_is_sharp_on_each_facet() {
@@ -230,8 +257,8 @@ fn vertices_are_in_the_sun_or_not() {
 
 #[test]
 fn soft_shadows_cut_no_charts() {
-    // At a distance of 1 m, 20° are a penumbra of 35 cm, nearly two lumels.
-    let [sharp, soft] = [0.5, 20.0].map(|angle| {
+    // At a distance of 1 m, 30° are a penumbra of 53 cm, 2.7 lumels.
+    let [sharp, soft] = [0.5, 30.0].map(|angle| {
         let bake = bake(&board(angle), &settings(true));
         (bake.loaded.scene.meshes.iter())
             .map(|m| m.primitives.len())

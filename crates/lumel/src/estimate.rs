@@ -158,7 +158,8 @@ pub fn estimate(
     let solve_seconds = trying * solving / ((tried.link_rays + tried.shadow_rays) as f64).max(1.0);
     let planned_twice = settings.split_sides
         && !split::wanted(&loaded, &world, &solution).is_empty()
-        || settings.cut_charts && !cut::wanted(&loaded, &world, &solution, &layout).is_empty();
+        || settings.cut_charts
+            && !cut::wanted(&loaded, (&world, &emitters, &solution), &layout).is_empty();
     let plans = if planned_twice { 2.0 } else { 1.0 };
     let options = bake_options(settings);
     let gather = gather_cost(&world, &emitters, &solution, &plan, &options);

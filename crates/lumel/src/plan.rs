@@ -49,14 +49,15 @@ impl Opened {
         if self.decided {
             return Changes::default();
         }
-        let (world, _, solution) = planned.lit.parts();
+        let (world, emitters, solution) = planned.lit.parts();
+        let lit = (world, emitters, solution);
         Changes {
             split: match settings.split_sides {
                 true => split::wanted(&self.loaded, world, solution),
                 false => BTreeSet::new(),
             },
             cuts: match settings.cut_charts {
-                true => cut::wanted(&self.loaded, world, solution, &planned.report),
+                true => cut::wanted(&self.loaded, lit, &planned.report),
                 false => Vec::new(),
             },
         }

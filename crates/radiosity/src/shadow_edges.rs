@@ -78,6 +78,10 @@ pub struct ShadowEdge {
     pub penumbra: f32,
 }
 
+/// Widest penumbra of an edge of a shadow, in lumels. Lookups blur narrower ones, in teeth where
+/// they cross lumels at an angle; wider ones are gradients that lumels can hold.
+pub const SOFT: f32 = 2.0;
+
 impl Suns {
     /// Those of the world's scene that shine without a cookie, and whose light or shadow is baked.
     pub fn new(world: &World) -> Suns {

@@ -1,7 +1,7 @@
 //! Texels that the edges of suns' shadows part.
 
 use glam::{Vec2, Vec3};
-use radiosity::{Suns, World};
+use radiosity::{SOFT, Suns, World};
 
 use crate::seams::border::Piece;
 use crate::seams::rows::lookup;
@@ -77,7 +77,7 @@ pub(super) fn lit_side(
         p.inward * (AT_THE_EDGE * texel).min(INSIDE * room)
     });
     let on = on + normal * world.offset(on);
-    suns.lit_side(world, on, (steps, normal), texel)
+    suns.lit_side(world, on, (steps, normal), SOFT * texel)
 }
 
 /// Distance from a point of a triangle to its border in a direction.

@@ -4,6 +4,7 @@
 //! A lumel that such a line crosses is read by lookups on both sides of it, and whatever it holds
 //! is wrong on one of them.
 
+mod ends;
 mod shadows;
 mod walls;
 
@@ -13,9 +14,10 @@ use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
 use patch_subdivision::{FlatPieces, PatchId};
-use radiosity::{Ground, Solution, Suns, SurfacePoint, World, luminance};
+use radiosity::{Emitters, Ground, Solution, Suns, SurfacePoint, World, luminance};
 
 use crate::named::{node_of, some_of};
+use ends::Light;
 use shadows::{Edge, Shaded};
 use walls::{Found, Wall};
 
@@ -55,8 +57,8 @@ const MEET: f32 = 0.015;
 /// [noticeably](NOTICED).
 const SHORT: f32 = 8.0;
 
-/// Nor is a border under a wall nearer than this, in lumels, to the end of the surface: the strip
-/// beyond it is where a floor ends outside of a room's walls.
+/// Nor is a border under a wall nearer than this, in lumels, to the end of the surface, unless the
+/// strip beyond it is seen across a room: else it is where a floor ends outside of the walls.
 const STRIP: f32 = 1.5;
 
 /// Nor is the edge of a shadow nearer than this, in lumels. Wider strips of sun would light up a
@@ -70,6 +72,10 @@ const SUNLIT_STRIP: f32 = 0.1;
 /// sixth brighter there. If they met behind the penumbra, sunlit shapes would be too wide by half
 /// of it.
 const BEYOND: f32 = 0.65;
+
+/// Of penumbras wider than this, in lumels, less is left to the shade, by the square root of the
+/// width, so that its lumels get no brighter.
+const NARROW: f32 = 0.75;
 
 /// Pieces of a shadow's edge that are this far apart at most, in lumels, are one.
 const GAP: f32 = 1.5;
@@ -159,12 +165,16 @@ impl Stretch {
     /// By place along the edge, how far behind the line charts end, metres: where the penumbras of
     /// all pieces do, less [a part of them](BEYOND). It changes along the edge, as penumbras grow
     /// with the distance from what casts them.
-    fn behind(&self) -> impl Fn(f32) -> f32 {
+    fn behind(&self, lumel: f32) -> impl Fn(f32) -> f32 {
         // Elements in the penumbra differ less, so the largest difference is that of sun and shade.
         let differ = self.pieces.iter().map(|p| p.differ).fold(0.0, f32::max);
         let shade = (1.0 - differ).max(0.0);
-        let sunny = 1.0 - BEYOND * shade.sqrt().sqrt();
-        let behind = |p: &Piece| p.behind + sunny * p.penumbra;
+        let beyond = BEYOND * shade.sqrt().sqrt();
+        let narrow = 0.5 * NARROW * lumel;
+        let behind = |p: &Piece| {
+            let wide = (narrow / p.penumbra.max(narrow)).sqrt();
+            p.behind + (1.0 - beyond * wide) * p.penumbra
+        };
         let middle = self.mean(|p| p.at);
         // That of pieces with a length, so that two in one place are not steep.
         let spread = self.mean(|p| (p.at - middle).powi(2) + p.length * p.length / 12.0);
@@ -221,7 +231,11 @@ impl<'l> Level<'l> {
 
     /// Relative difference of the light of two elements, if it counts.
     fn difference(&self, pair: [u32; 2]) -> Option<f32> {
-        let [a, b] = pair.map(|e| self.light[e as usize]);
+        self.relative(pair.map(|e| self.light[e as usize]))
+    }
+
+    /// Relative difference of light in two places, if it counts.
+    fn relative(&self, [a, b]: [f32; 2]) -> Option<f32> {
         let differ = (a - b).abs() / a.max(b).max(self.black);
         (differ > DIFFERENT).then_some(differ)
     }
@@ -257,7 +271,7 @@ struct Lines(Vec<Line>);
 
 impl Lines {
     /// Adds a piece of a wall to the lines of its two faces.
-    fn enter_wall(&mut self, wall: &Wall, piece: f32) {
+    fn enter_wall(&mut self, wall: &Wall) {
         for at in wall.faces() {
             let new = || Line {
                 normal: wall.normal,
@@ -277,8 +291,8 @@ impl Lines {
                     sides,
                 } = &mut line.cause
             {
-                *length += piece;
-                *weight += piece * wall.differ;
+                *length += wall.length;
+                *weight += wall.length * wall.differ;
                 sides[0].add(&wall.sides[0]);
                 sides[1].add(&wall.sides[1]);
             }
@@ -352,8 +366,10 @@ impl Line {
                         (points.iter()).map(|p| side * (self.normal.dot(*p) - self.offset));
                     beyond.fold(0.0, f32::max)
                 };
+                let strips = [far(1.0), far(-1.0)].map(|far| far <= STRIP * lumel);
+                let visible = |(strip, side): (bool, &Found)| strip && side.is_seen_across();
                 let worth = is_worth_it(length, weight / length, lumel)
-                    && far(1.0).min(far(-1.0)) > STRIP * lumel;
+                    && (strips == [false; 2] || strips.into_iter().zip(&sides).any(visible));
                 let seen = sides.iter().all(Found::is_seen);
                 let line = Chosen {
                     normal: self.normal,
@@ -373,7 +389,7 @@ impl Line {
                 (Stretch::all(pieces, GAP * lumel).into_iter())
                     .map(|stretch| {
                         let [from, to] = stretch.ends;
-                        let behind = stretch.behind();
+                        let behind = stretch.behind(lumel);
                         let ends = [from, to].map(|x| foot + along * x + self.normal * behind(x));
                         let normal = up.cross(ends[1] - ends[0]).normalize_or_zero();
                         Chosen {
@@ -425,8 +441,7 @@ fn is_worth_it(length: f32, differ: f32, lumel: f32) -> bool {
 /// The cuts, surface by surface.
 pub(crate) fn wanted(
     loaded: &Loaded,
-    world: &World,
-    solution: &Solution,
+    (world, emitters, solution): (&World, &Emitters, &Solution),
     report: &LayoutReport,
 ) -> Vec<Cut> {
     let lumels = lumel_sizes(loaded, report);
@@ -437,13 +452,14 @@ pub(crate) fn wanted(
     }
     let level = Level::new(world, solution, lumels);
     let mut lines: BTreeMap<u32, Lines> = BTreeMap::new();
-    for wall in walls::find(&level) {
+    let (ends, light) = (ends::find(&level), Light::new(&level, emitters));
+    let walls = walls::find(&level).into_iter();
+    for wall in walls.chain(ends::walls(&level, &ends, &light)) {
         if let Some(surface) = level.surfaces.of(wall.triangle) {
-            let length = 0.25 * solution.cut.patch_edge(wall.triangle);
-            lines.entry(surface).or_default().enter_wall(&wall, length);
+            lines.entry(surface).or_default().enter_wall(&wall);
         }
     }
-    for edge in shadows::find(&level) {
+    for edge in shadows::find(&level, &ends, &light) {
         if let Some(surface) = level.surfaces.of(edge.on.triangle) {
             let up = world.soup.normals[edge.on.triangle as usize];
             lines.entry(surface).or_default().enter_shadow(&edge, up);
@@ -681,6 +697,7 @@ pub(crate) fn note(scene: &Scene, cuts: &[Cut]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use radiosity::SOFT;
 
     #[test]
     fn a_line_follows_a_penumbra_that_grows_and_leaves_no_piece_in_the_sun() {
@@ -703,7 +720,7 @@ mod tests {
         let near = |[a, b]: [f32; 2], [c, d]: [f32; 2]| (a - c).abs() + (b - d).abs() < 1e-5;
         assert!(near(first.ends, [-0.05, 0.95]), "{:?}", first.ends);
         assert!(near(second.ends, [1.45, 1.95]), "{:?}", second.ends);
-        let behind = first.behind();
+        let behind = first.behind(1.0);
         for p in &first.pieces {
             let more = behind(p.at) - p.behind;
             assert!((-1e-6..2e-3).contains(&more), "{more} at {}", p.at);
@@ -724,7 +741,7 @@ mod tests {
 
     #[test]
     fn the_brighter_the_shade_the_more_of_a_penumbra_is_left_in_it() {
-        let end = |shade: f32| {
+        let end = |width: f32, shade: f32| {
             let piece = Piece {
                 at: 0.0,
                 length: 1.0,
@@ -733,19 +750,25 @@ mod tests {
                 differ: 1.0 - shade,
             };
             let stretch = &Stretch::all(vec![piece], 0.0)[0];
-            f64::from(stretch.behind()(0.0))
+            // The piece's penumbra is 1 on either side.
+            f64::from(stretch.behind(2.0 / width)(0.0))
         };
-        assert!((end(0.0) - 1.0).abs() < 1e-6, "nothing if it is black");
-        let mut before = 1.0;
-        for shade in [0.01, 0.1, 0.5, 0.9] {
-            let place = end(shade);
-            assert!(place < before, "the brighter, the more");
-            assert!(place > 0.0, "sunlit shapes are not too narrow: {place}");
-            // Of a penumbra that is as wide as may be, half of it on either side, in a lumel.
-            let sun = 0.5 * f64::from(shadows::SOFT) * light_beyond(place);
-            let brighter = sun * f64::from((1.0 - shade) / shade);
-            assert!(brighter < 0.2, "{brighter} where the shade has {shade}");
-            before = place;
+        for width in [0.5, NARROW, 1.0, 1.5, SOFT] {
+            assert!(
+                (end(width, 0.0) - 1.0).abs() < 1e-6,
+                "nothing if it is black"
+            );
+            let mut before = 1.0;
+            for shade in [0.01, 0.1, 0.5, 0.9] {
+                let place = end(width, shade);
+                assert!(place < before, "the brighter, the more");
+                assert!(place > 0.0, "sunlit shapes are not too narrow: {place}");
+                // Half of a penumbra of this width is on either side, in lumels.
+                let sun = 0.5 * f64::from(width) * light_beyond(place);
+                let brighter = sun * f64::from((1.0 - shade) / shade);
+                assert!(brighter < 0.2, "{brighter} at {width}, {shade}");
+                before = place;
+            }
         }
     }
 }

@@ -11,14 +11,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::Vec3;
-use radiosity::{Caster, Ground, Outline, ShadowEdge, Suns, SurfacePoint};
+use radiosity::{Caster, Ground, Outline, SOFT, ShadowEdge, Suns, SurfacePoint};
 use rayon::prelude::*;
 
+use super::ends::{End, Light};
 use super::{Level, SUNLIT_STRIP};
-
-/// Edges of shadows whose penumbra is wider than this, in lumels, are soft: a lumel that they cross
-/// shows them well.
-pub(super) const SOFT: f32 = 0.75;
 
 /// So far beside an outline, in lumels, sun and shade are told apart.
 const BESIDE: f32 = 0.005;
@@ -65,14 +62,14 @@ type Cast = (u32, bool, Caster);
 type Known = BTreeSet<(u32, bool, [[u32; 3]; 2])>;
 
 /// All of them.
-pub(super) fn find(level: &Level) -> Vec<Edge> {
+pub(super) fn find(level: &Level, ends: &[End], light: &Light) -> Vec<Edge> {
     let suns = Suns::new(level.world);
     if suns.is_empty() {
         return Vec::new();
     }
     let surfaces = surfaces(level);
     let mut edges = Vec::new();
-    let mut next = casts(level, &suns);
+    let mut next = casts(level, &suns, ends, light);
     let (mut looked_at, mut known) = (BTreeSet::new(), Known::new());
     while !next.is_empty() {
         looked_at.extend(next.keys().copied());
@@ -104,8 +101,8 @@ pub(super) fn find(level: &Level) -> Vec<Edge> {
     edges
 }
 
-/// What may cast edges of shadows, by pairs of elements.
-fn casts(level: &Level, suns: &Suns) -> BTreeMap<Cast, Shaded> {
+/// What may cast edges of shadows, by pairs of elements and beside the ends of surfaces.
+fn casts(level: &Level, suns: &Suns, ends: &[End], light: &Light) -> BTreeMap<Cast, Shaded> {
     let cut = &level.solution.cut;
     let on = |e: u32, p: &SurfacePoint, differ: f32| {
         let triangle = cut.elements()[e as usize].triangle;
@@ -143,7 +140,19 @@ fn casts(level: &Level, suns: &Suns) -> BTreeMap<Cast, Shaded> {
     };
     let pairs = cut.neighbours();
     let pairs = pairs.par_iter().with_min_len(1024).flat_map_iter(of_pair);
-    let found: Vec<(Cast, Shaded)> = pairs.collect();
+    let beside = |end: &End| {
+        let (casters, points) = end.casters(level, suns)?;
+        let on = Shaded {
+            ground: end.ground(),
+            differ: light.difference(level, &points, end.lumel)?,
+            lumel: end.lumel,
+            triangle: end.triangle,
+        };
+        let surface = level.surfaces.of(end.triangle)?;
+        Some(casters.into_iter().map(move |c| ((surface, false, c), on)))
+    };
+    let ends = ends.par_iter().filter_map(beside).flatten_iter();
+    let found: Vec<(Cast, Shaded)> = pairs.chain(ends).collect();
     let mut casts: BTreeMap<Cast, Shaded> = BTreeMap::new();
     for (key, on) in found {
         let differ = &mut casts.entry(key).or_insert(on).differ;

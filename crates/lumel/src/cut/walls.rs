@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{BESIDE, Level};
 
 /// Walls at least this thick, in lumels, have a lumel of their own between the two sides.
-const THIN: f32 = 1.5;
+pub(super) const THIN: f32 = 1.5;
 
 /// A wall's normal is within 45° of the surface it stands on. What lies flatter is a cover.
 const UPRIGHT: f32 = 0.7;
@@ -22,7 +22,7 @@ const RAYS: u32 = 4;
 
 /// A ray that meets a front beyond this many lumels, or nothing, crosses a place where people can
 /// be; the inside of a sofa and the gap behind a cupboard have none.
-const ROOM: f32 = 3.0;
+pub(super) const ROOM: f32 = 3.0;
 
 /// The fraction of such rays from which a side counts …
 const SEEN: f32 = 0.25;
@@ -36,7 +36,7 @@ pub(super) struct Wall {
     /// Unit normal in the plane of the surface.
     pub normal: Vec3,
     /// Points on its two faces.
-    ends: [Vec3; 2],
+    pub ends: [Vec3; 2],
     /// What rays from either element found, first from the one that the normal points to.
     pub sides: [Found; 2],
     /// Relative difference of the light.
@@ -45,6 +45,8 @@ pub(super) struct Wall {
     pub lumel: f32,
     /// The first element's triangle.
     pub triangle: u32,
+    /// Length of the wall that it stands for, metres.
+    pub length: f32,
 }
 
 /// What rays from one side of a wall found.
@@ -55,6 +57,8 @@ pub(super) struct Found {
     open: u32,
     /// Those that meet the front of something.
     fronts: u32,
+    /// Those that do both.
+    across: u32,
 }
 
 impl Found {
@@ -62,12 +66,21 @@ impl Found {
         self.rays += other.rays;
         self.open += other.open;
         self.fronts += other.fronts;
+        self.across += other.across;
     }
 
     /// Whether people can be there.
     pub fn is_seen(&self) -> bool {
-        let share = |n: u32| n as f32 / self.rays.max(1) as f32;
-        share(self.open) >= SEEN && share(self.fronts) >= INSIDE
+        self.share(self.open) >= SEEN && self.share(self.fronts) >= INSIDE
+    }
+
+    /// Whether it is seen from across a room, not just from outside of the level.
+    pub fn is_seen_across(&self) -> bool {
+        self.share(self.across) >= SEEN
+    }
+
+    fn share(&self, rays: u32) -> f32 {
+        rays as f32 / self.rays.max(1) as f32
     }
 }
 
@@ -114,19 +127,7 @@ fn wall(level: &Level, pair: [u32; 2], lumel: f32) -> Option<Wall> {
     let [from, to] = [a, b].map(|p| p.origin + up * (0.5 * lift));
     let hit = world.first_between(from, to)?;
     let other = world.first_between(to, from)?;
-    let normal = world.soup.normals[hit.triangle as usize];
-    let level = normal - up * normal.dot(up);
-    if level.length() < UPRIGHT {
-        return None;
-    }
-    let level = level.normalize();
-    // Always the same of the two directions, whichever element comes first.
-    let first = level
-        .to_array()
-        .into_iter()
-        .find(|x| x.abs() > 0.1)
-        .unwrap_or(1.0);
-    let normal = level * first.signum();
+    let normal = upright(world, hit.triangle, up)?;
     let ends = [from.lerp(to, hit.t), to.lerp(from, other.t)];
     if normal.dot(ends[1] - ends[0]).abs() >= THIN * lumel {
         return None;
@@ -142,11 +143,30 @@ fn wall(level: &Level, pair: [u32; 2], lumel: f32) -> Option<Wall> {
         differ: 0.0,
         lumel,
         triangle,
+        length: 0.25 * cut.patch_edge(triangle),
     })
 }
 
+/// Unit normal in the plane of a surface of a triangle that stands on it; `None` if it lies
+/// flatter.
+pub(super) fn upright(world: &World, triangle: u32, up: Vec3) -> Option<Vec3> {
+    let normal = world.soup.normals[triangle as usize];
+    let level = normal - up * normal.dot(up);
+    if level.length() < UPRIGHT {
+        return None;
+    }
+    let level = level.normalize();
+    // Always the same of the two directions, whichever element comes first.
+    let first = level
+        .to_array()
+        .into_iter()
+        .find(|x| x.abs() > 0.1)
+        .unwrap_or(1.0);
+    Some(level * first.signum())
+}
+
 /// Casts [`RAYS`] from a point.
-fn look(world: &World, p: &SurfacePoint, seed: u32, room: f32) -> Found {
+pub(super) fn look(world: &World, p: &SurfacePoint, seed: u32, room: f32) -> Found {
     let mut found = Found {
         rays: RAYS,
         ..Found::default()
@@ -159,6 +179,7 @@ fn look(world: &World, p: &SurfacePoint, seed: u32, room: f32) -> Found {
             Incoming::Surface(hit) if !hit.back => {
                 found.fronts += 1;
                 found.open += u32::from(hit.t > room);
+                found.across += u32::from(hit.t > room);
             }
             Incoming::Surface(_) | Incoming::Black => {}
         }
