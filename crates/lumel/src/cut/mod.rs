@@ -68,14 +68,10 @@ const SUNLIT_STRIP: f32 = 0.1;
 /// Of the shaded half of a penumbra, this fraction times the fourth root of the shade's light over
 /// the sun's is left to charts of shade, and the rest to those of sun. If they met in the middle,
 /// the shade's lumels would hold a fifth of the penumbra's light, and in a room a hundredth of the
-/// sun doubles the light in the shade. With the root, lumels beside the widest penumbras get a
-/// sixth brighter there. If they met behind the penumbra, sunlit shapes would be too wide by half
-/// of it.
+/// sun doubles the light in the shade. With the root, lumels beside the widest penumbras get less
+/// than half brighter there, and a sixth beside those of 0.75 lumels. If they met behind the
+/// penumbra, sunlit shapes would be too wide by half of it.
 const BEYOND: f32 = 0.65;
-
-/// Of penumbras wider than this, in lumels, less is left to the shade, by the square root of the
-/// width, so that its lumels get no brighter.
-const NARROW: f32 = 0.75;
 
 /// Pieces of a shadow's edge that are this far apart at most, in lumels, are one.
 const GAP: f32 = 1.5;
@@ -165,16 +161,12 @@ impl Stretch {
     /// By place along the edge, how far behind the line charts end, metres: where the penumbras of
     /// all pieces do, less [a part of them](BEYOND). It changes along the edge, as penumbras grow
     /// with the distance from what casts them.
-    fn behind(&self, lumel: f32) -> impl Fn(f32) -> f32 {
+    fn behind(&self) -> impl Fn(f32) -> f32 {
         // Elements in the penumbra differ less, so the largest difference is that of sun and shade.
         let differ = self.pieces.iter().map(|p| p.differ).fold(0.0, f32::max);
         let shade = (1.0 - differ).max(0.0);
-        let beyond = BEYOND * shade.sqrt().sqrt();
-        let narrow = 0.5 * NARROW * lumel;
-        let behind = |p: &Piece| {
-            let wide = (narrow / p.penumbra.max(narrow)).sqrt();
-            p.behind + (1.0 - beyond * wide) * p.penumbra
-        };
+        let sunny = 1.0 - BEYOND * shade.sqrt().sqrt();
+        let behind = |p: &Piece| p.behind + sunny * p.penumbra;
         let middle = self.mean(|p| p.at);
         // That of pieces with a length, so that two in one place are not steep.
         let spread = self.mean(|p| (p.at - middle).powi(2) + p.length * p.length / 12.0);
@@ -389,7 +381,7 @@ impl Line {
                 (Stretch::all(pieces, GAP * lumel).into_iter())
                     .map(|stretch| {
                         let [from, to] = stretch.ends;
-                        let behind = stretch.behind(lumel);
+                        let behind = stretch.behind();
                         let ends = [from, to].map(|x| foot + along * x + self.normal * behind(x));
                         let normal = up.cross(ends[1] - ends[0]).normalize_or_zero();
                         Chosen {
@@ -720,7 +712,7 @@ mod tests {
         let near = |[a, b]: [f32; 2], [c, d]: [f32; 2]| (a - c).abs() + (b - d).abs() < 1e-5;
         assert!(near(first.ends, [-0.05, 0.95]), "{:?}", first.ends);
         assert!(near(second.ends, [1.45, 1.95]), "{:?}", second.ends);
-        let behind = first.behind(1.0);
+        let behind = first.behind();
         for p in &first.pieces {
             let more = behind(p.at) - p.behind;
             assert!((-1e-6..2e-3).contains(&more), "{more} at {}", p.at);
@@ -741,7 +733,7 @@ mod tests {
 
     #[test]
     fn the_brighter_the_shade_the_more_of_a_penumbra_is_left_in_it() {
-        let end = |width: f32, shade: f32| {
+        let end = |shade: f32| {
             let piece = Piece {
                 at: 0.0,
                 length: 1.0,
@@ -750,25 +742,20 @@ mod tests {
                 differ: 1.0 - shade,
             };
             let stretch = &Stretch::all(vec![piece], 0.0)[0];
-            // The piece's penumbra is 1 on either side.
-            f64::from(stretch.behind(2.0 / width)(0.0))
+            f64::from(stretch.behind()(0.0))
         };
-        for width in [0.5, NARROW, 1.0, 1.5, SOFT] {
-            assert!(
-                (end(width, 0.0) - 1.0).abs() < 1e-6,
-                "nothing if it is black"
-            );
-            let mut before = 1.0;
-            for shade in [0.01, 0.1, 0.5, 0.9] {
-                let place = end(width, shade);
-                assert!(place < before, "the brighter, the more");
-                assert!(place > 0.0, "sunlit shapes are not too narrow: {place}");
-                // Half of a penumbra of this width is on either side, in lumels.
-                let sun = 0.5 * f64::from(width) * light_beyond(place);
-                let brighter = sun * f64::from((1.0 - shade) / shade);
-                assert!(brighter < 0.2, "{brighter} at {width}, {shade}");
-                before = place;
-            }
+        assert!((end(0.0) - 1.0).abs() < 1e-6, "nothing if it is black");
+        let mut before = 1.0;
+        for shade in [0.01, 0.1, 0.5, 0.9] {
+            let place = end(shade);
+            assert!(place < before, "the brighter, the more");
+            assert!(place > 0.0, "sunlit shapes are not too narrow: {place}");
+            // Of a penumbra that is as wide as may be, half of it on either side, in a lumel.
+            let sun = 0.5 * f64::from(SOFT) * light_beyond(place);
+            let brighter = sun * f64::from((1.0 - shade) / shade);
+            // Leaving less to it makes sunlit shapes too wide, which FLIP weighs as more.
+            assert!(brighter < 0.5, "{brighter} where the shade has {shade}");
+            before = place;
         }
     }
 }
