@@ -76,6 +76,18 @@ fn under_the_sky(texels_per_unit: f32) -> Settings {
 /// Root mean square difference between bilinear lookups and `exact` over the whole surface, by
 /// area.
 fn error_of_lookups(glb: &[u8], settings: &Settings, exact: impl Fn(DVec3) -> f64) -> f64 {
+    let (mut squares, mut area) = (0.0, 0.0);
+    for (place, seen, weight) in lookups(glb, settings) {
+        squares += weight * (seen - exact(place)).powi(2);
+        area += weight;
+    }
+    assert!(area > 0.0);
+    (squares / area).sqrt()
+}
+
+/// Bilinear lookups all over the surface: where, the red irradiance that engines see there, and the
+/// area that it stands for.
+pub(crate) fn lookups(glb: &[u8], settings: &Settings) -> Vec<(DVec3, f64, f64)> {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let baked = bake(glb, settings);
     baked.write(dir.path()).expect("written");
@@ -88,7 +100,7 @@ fn error_of_lookups(glb: &[u8], settings: &Settings, exact: impl Fn(DVec3) -> f6
     };
     let written = std::fs::read(dir.path().join("scene.glb")).expect("the written scene");
     let scene = Scene::from_glb(&written).expect("a scene");
-    let (mut squares, mut area) = (0.0, 0.0);
+    let mut lookups = Vec::new();
     for footprint in footprints(&scene, &[[image.width, image.height]]) {
         for (triangle, outline) in footprint.outlines() {
             let t = &scene.triangles[triangle];
@@ -101,12 +113,10 @@ fn error_of_lookups(glb: &[u8], settings: &Settings, exact: impl Fn(DVec3) -> f6
             let row = |y| texel(x, y) * (1.0 - f.x) + texel(x + 1, y) * f.x;
             let seen = row(y) * (1.0 - f.y) + row(y + 1) * f.y;
             let weight = footprint.area / footprint.outlines().count() as f64;
-            squares += weight * (seen - exact(t.at(middle.x, middle.y))).powi(2);
-            area += weight;
+            lookups.push((t.at(middle.x, middle.y), seen, weight));
         }
     }
-    assert!(area > 0.0);
-    (squares / area).sqrt()
+    lookups
 }
 
 #[test]
