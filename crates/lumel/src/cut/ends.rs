@@ -25,6 +25,9 @@ const LIFT: f32 = 0.25;
 /// far. Elements lie closer to each other than the farthest.
 const REACHES: [f32; 3] = [2.0, 1.0, 0.5];
 
+/// Cosine of the bend up to which a surface goes on, as in [`mesh_ingest::Cut`]: 45°.
+const BEND: f32 = 0.7;
+
 /// Most points along an edge.
 const MOST_POINTS: usize = 256;
 
@@ -80,49 +83,77 @@ impl End {
     }
 }
 
-/// All of them, on fronts of surfaces that can be cut, an instance at a time.
-pub(super) fn find(level: &Level) -> Vec<End> {
-    let sources = &level.world.soup.sources[..level.world.soup.seen()];
-    let mut instances: Vec<Range<u32>> = Vec::new();
-    for (t, source) in (0u32..).zip(sources) {
-        match instances.last_mut() {
-            Some(last) if sources[last.start as usize].instance == source.instance => {
-                last.end = t + 1;
-            }
-            _ => instances.push(t..t + 1),
-        }
-    }
-    let ends = instances
-        .into_par_iter()
-        .flat_map_iter(|of| ends(level, of));
-    ends.collect()
+/// The ends of all surfaces that can be cut, on their fronts.
+pub(super) struct Ends {
+    /// The triangles of each instance.
+    instances: Vec<Range<u32>>,
 }
 
-/// Those of a range of triangles.
-fn ends(level: &Level, triangles: Range<u32>) -> Vec<End> {
+impl Ends {
+    pub fn find(level: &Level) -> Self {
+        let sources = &level.world.soup.sources[..level.world.soup.seen()];
+        let mut instances: Vec<Range<u32>> = Vec::new();
+        for (t, source) in (0u32..).zip(sources) {
+            match instances.last_mut() {
+                Some(last) if sources[last.start as usize].instance == source.instance => {
+                    last.end = t + 1;
+                }
+                _ => instances.push(t..t + 1),
+            }
+        }
+        Ends { instances }
+    }
+
+    /// What `of` makes of each point beside an end. The points are not kept: there may be as many
+    /// as a tenth of the lumels.
+    pub fn map<T: Send>(&self, level: &Level, of: impl Fn(&End) -> Option<T> + Sync) -> Vec<T> {
+        let of_edge = |(t, k): (u32, usize)| -> Vec<T> {
+            along(level, t, k).filter_map(|end| of(&end)).collect()
+        };
+        let of_instance = |triangles: &Range<u32>| -> Vec<T> {
+            let edges = edges(level, triangles.clone());
+            edges.into_par_iter().flat_map_iter(of_edge).collect()
+        };
+        self.instances.par_iter().flat_map(of_instance).collect()
+    }
+}
+
+/// Edges at which surfaces end, as triangles and the corners where edges begin: nothing goes on
+/// there, or only around a corner. Where a surface bends, its shadows go on. Shorter edges than a
+/// lumel are left out: no straight line follows them.
+fn edges(level: &Level, triangles: Range<u32>) -> Vec<(u32, usize)> {
     let soup = level.world.soup;
-    let mut edges: Vec<(u32, [[u32; 3]; 2], u32, usize)> = Vec::new();
+    let mut edges: Vec<([[u32; 3]; 2], u32, usize)> = Vec::new();
     for t in triangles {
-        let (Some(surface), Some(_)) = (level.surfaces.of(t), level.lumel_of(t)) else {
+        let Some(lumel) = level.lumel_of(t).filter(|_| level.surfaces.of(t).is_some()) else {
             continue;
         };
+        let corners = soup.triangles[t as usize];
         for k in 0..3 {
-            let corners = soup.triangles[t as usize];
-            let mut ends = [corners[k], corners[(k + 1) % 3]]
-                .map(|p| (p + Vec3::ZERO).to_array().map(f32::to_bits));
-            ends.sort_unstable();
-            edges.push((surface, ends, t, k));
+            let ends = [corners[k], corners[(k + 1) % 3]];
+            if ends[0].distance(ends[1]) >= lumel {
+                let mut bits = ends.map(|p| (p + Vec3::ZERO).to_array().map(f32::to_bits));
+                bits.sort_unstable();
+                edges.push((bits, t, k));
+            }
         }
     }
     edges.sort_unstable();
-    let lone = edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
-    lone.filter(|same| same.len() == 1)
-        .flat_map(|same| along(level, same[0].2, same[0].3))
-        .collect()
+    let normal = |t: u32| soup.normals[t as usize];
+    let mut out = Vec::new();
+    for same in edges.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, t, k) in same {
+            let mut others = same.iter().filter(|other| other.1 != t);
+            if !others.any(|other| normal(t).dot(normal(other.1)) > BEND) {
+                out.push((t, k));
+            }
+        }
+    }
+    out
 }
 
 /// Points along an edge of a triangle.
-fn along(level: &Level, triangle: u32, k: usize) -> Vec<End> {
+fn along(level: &Level, triangle: u32, k: usize) -> impl Iterator<Item = End> {
     let soup = level.world.soup;
     let corners = soup.triangles[triangle as usize];
     let (from, to) = (corners[k], corners[(k + 1) % 3]);
@@ -132,7 +163,7 @@ fn along(level: &Level, triangle: u32, k: usize) -> Vec<End> {
     let lumel = level.lumel_of(triangle).unwrap_or(f32::INFINITY);
     let length = from.distance(to);
     let count = ((length / lumel).ceil() as usize).clamp(1, MOST_POINTS);
-    let end = |i: usize| {
+    let end = move |i: usize| {
         let at = from.lerp(to, (i as f32 + 0.5) / count as f32) + inward * (BESIDE * lumel);
         let point = SurfacePoint {
             position: at,
@@ -149,13 +180,12 @@ fn along(level: &Level, triangle: u32, k: usize) -> Vec<End> {
             seed: hash_u32(triangle ^ hash_u32(i as u32)),
         }
     };
-    (0..count).map(end).collect()
+    (0..count).map(end)
 }
 
 /// The thin walls that stand within [`STRIP`] of ends.
-pub(super) fn walls(level: &Level, ends: &[End], light: &Light) -> Vec<Wall> {
-    let found = ends.par_iter().filter_map(|end| wall(level, end, light));
-    found.collect()
+pub(super) fn walls(level: &Level, ends: &Ends, light: &Light) -> Vec<Wall> {
+    ends.map(level, |end| wall(level, end, light))
 }
 
 fn wall(level: &Level, end: &End, light: &Light) -> Option<Wall> {

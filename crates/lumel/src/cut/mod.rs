@@ -17,7 +17,7 @@ use patch_subdivision::{FlatPieces, PatchId};
 use radiosity::{Emitters, Ground, Solution, Suns, SurfacePoint, World, luminance};
 
 use crate::named::{node_of, some_of};
-use ends::Light;
+use ends::{Ends, Light};
 use shadows::{Edge, Shaded};
 use walls::{Found, Wall};
 
@@ -444,7 +444,7 @@ pub(crate) fn wanted(
     }
     let level = Level::new(world, solution, lumels);
     let mut lines: BTreeMap<u32, Lines> = BTreeMap::new();
-    let (ends, light) = (ends::find(&level), Light::new(&level, emitters));
+    let (ends, light) = (Ends::find(&level), Light::new(&level, emitters));
     let walls = walls::find(&level).into_iter();
     for wall in walls.chain(ends::walls(&level, &ends, &light)) {
         if let Some(surface) = level.surfaces.of(wall.triangle) {

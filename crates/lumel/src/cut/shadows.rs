@@ -14,7 +14,7 @@ use glam::Vec3;
 use radiosity::{Caster, Ground, Outline, SOFT, ShadowEdge, Suns, SurfacePoint};
 use rayon::prelude::*;
 
-use super::ends::{End, Light};
+use super::ends::{End, Ends, Light};
 use super::{Level, SUNLIT_STRIP};
 
 /// So far beside an outline, in lumels, sun and shade are told apart.
@@ -62,7 +62,7 @@ type Cast = (u32, bool, Caster);
 type Known = BTreeSet<(u32, bool, [[u32; 3]; 2])>;
 
 /// All of them.
-pub(super) fn find(level: &Level, ends: &[End], light: &Light) -> Vec<Edge> {
+pub(super) fn find(level: &Level, ends: &Ends, light: &Light) -> Vec<Edge> {
     let suns = Suns::new(level.world);
     if suns.is_empty() {
         return Vec::new();
@@ -102,7 +102,7 @@ pub(super) fn find(level: &Level, ends: &[End], light: &Light) -> Vec<Edge> {
 }
 
 /// What may cast edges of shadows, by pairs of elements and beside the ends of surfaces.
-fn casts(level: &Level, suns: &Suns, ends: &[End], light: &Light) -> BTreeMap<Cast, Shaded> {
+fn casts(level: &Level, suns: &Suns, ends: &Ends, light: &Light) -> BTreeMap<Cast, Shaded> {
     let cut = &level.solution.cut;
     let on = |e: u32, p: &SurfacePoint, differ: f32| {
         let triangle = cut.elements()[e as usize].triangle;
@@ -151,8 +151,8 @@ fn casts(level: &Level, suns: &Suns, ends: &[End], light: &Light) -> BTreeMap<Ca
         let surface = level.surfaces.of(end.triangle)?;
         Some(casters.into_iter().map(move |c| ((surface, false, c), on)))
     };
-    let ends = ends.par_iter().filter_map(beside).flatten_iter();
-    let found: Vec<(Cast, Shaded)> = pairs.chain(ends).collect();
+    let mut found: Vec<(Cast, Shaded)> = pairs.collect();
+    found.extend(ends.map(level, beside).into_iter().flatten());
     let mut casts: BTreeMap<Cast, Shaded> = BTreeMap::new();
     for (key, on) in found {
         let differ = &mut casts.entry(key).or_insert(on).differ;
