@@ -46,8 +46,9 @@ pub struct Written {
 impl Written {
     /// Bakes `glb` as `scene.glb` and reads what that writes.
     pub fn new(glb: &[u8], settings: &Settings) -> Written {
-        let dir = tempfile::tempdir().expect("a temporary folder");
-        let level = dir.path().join("scene.glb");
+        // A bake does not write over what it reads.
+        let [input, dir] = [(); 2].map(|()| tempfile::tempdir().expect("a temporary folder"));
+        let level = input.path().join("scene.glb");
         std::fs::write(&level, glb).expect("written");
         let baked = lumel::bake(&level, settings, &Silent).expect("the scene bakes");
         baked.write(dir.path()).expect("written");

@@ -28,6 +28,9 @@ const REACHES: [f32; 3] = [2.0, 1.0, 0.5];
 /// Cosine of the bend up to which a surface goes on, as in [`mesh_ingest::Cut`]: 45°.
 const BEND: f32 = 0.7;
 
+/// Edges of more triangles are left out.
+const MOST_ON_AN_EDGE: usize = 16;
+
 /// Most points along an edge.
 const MOST_POINTS: usize = 256;
 
@@ -141,7 +144,8 @@ fn edges(level: &Level, triangles: Range<u32>) -> Vec<(u32, usize)> {
     edges.sort_unstable();
     let normal = |t: u32| soup.normals[t as usize];
     let mut out = Vec::new();
-    for same in edges.chunk_by(|a, b| a.0 == b.0) {
+    let fans = edges.chunk_by(|a, b| a.0 == b.0);
+    for same in fans.filter(|same| same.len() <= MOST_ON_AN_EDGE) {
         for &(_, t, k) in same {
             let mut others = same.iter().filter(|other| other.1 != t);
             if !others.any(|other| normal(t).dot(normal(other.1)) > BEND) {
