@@ -107,8 +107,8 @@ impl Ends {
         Ends { instances }
     }
 
-    /// What `of` makes of each point beside an end. The points are not kept: there may be as many
-    /// as a tenth of the lumels.
+    /// What `of` makes of each point beside an end. The points are not kept: a large level may
+    /// have millions.
     pub fn map<T: Send>(&self, level: &Level, of: impl Fn(&End) -> Option<T> + Sync) -> Vec<T> {
         let of_edge = |(t, k): (u32, usize)| -> Vec<T> {
             along(level, t, k).filter_map(|end| of(&end)).collect()
