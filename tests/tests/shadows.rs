@@ -1,11 +1,11 @@
-//! Edges of suns' shadows: sharp on flat surfaces, at any density.
+//! Edges of sharp shadows on flat surfaces: sharp at any density.
 
 use glam::{DVec2, Quat, Vec3};
 use lumel::{Bake, Quality, Settings};
 use lumel_tests::geometry::{Geometry, cuboid, grid};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
-use crate::common::{at, bake, lumels_of};
+use crate::common::{Seen, at, bake, lumels_of};
 use crate::smooth::lookups;
 use crate::surfaces::edited;
 
@@ -56,6 +56,58 @@ fn boxes_on(ground: &Geometry, boxes: &[[Vec3; 2]], turn: f32, angle: f32) -> Ve
         ..Node::default()
     });
     b.finish()
+}
+
+/// The board of [`hanging`] over a ground of 8 × 8 m, 2 m below a lamp: a point, or a cube with
+/// this edge, of the same power.
+fn under_a_lamp(edge: Option<f32>) -> Vec<u8> {
+    const CANDELA: f32 = 30.0;
+    let at = Vec3::Y * 3.0;
+    let mut b = GltfBuilder::new();
+    let black = b.material(&Material::diffuse("black", [0.0; 3]));
+    let mesh = b.mesh("ground", &[(&ground(8.0, 1), black)]);
+    b.node(Node::of_mesh("ground", mesh));
+    let [low, high] = hanging();
+    let mesh = b.mesh("box", &[(&cuboid(low, high, 1), black)]);
+    b.node(Node::of_mesh("box", mesh));
+    match edge {
+        None => {
+            let lamp = b.light("lamp", Light::Point([CANDELA; 3]));
+            b.node(Node {
+                light: Some(lamp),
+                translation: at,
+                ..Node::default()
+            });
+        }
+        Some(edge) => {
+            let glow = b.material(&Material {
+                emission: [CANDELA / (edge * edge); 3],
+                ..Material::diffuse("bulb", [0.0; 3])
+            });
+            let corners = [-0.5, 0.5].map(|k| at + k * edge * Vec3::ONE);
+            let mesh = b.mesh("bulb", &[(&cuboid(corners[0], corners[1], 1), glow)]);
+            b.node(Node::of_mesh("bulb", mesh));
+        }
+    }
+    b.finish()
+}
+
+#[test]
+fn lamps_and_bulbs_cast_sharp_shadows() {
+    for lamp in [None, Some(0.05)] {
+        let glb = under_a_lamp(lamp);
+        // Around the shadow, the lamp brings 1.1 to 2.2 lx.
+        let half = |cut| {
+            let lumels = lumels_of(&bake(&glb, &settings(cut)), "ground");
+            let near = |l: &&Seen| l.middle().x.abs() < 2.6 && l.middle().z.abs() < 1.8;
+            let near: Vec<f64> = lumels.iter().filter(near).map(|l| l.red()).collect();
+            let half = near.iter().filter(|l| (0.02..0.8).contains(*l)).count();
+            half as f64 / near.len() as f64
+        };
+        let [whole, cut] = [false, true].map(half);
+        assert!(whole > 0.03, "{whole}");
+        assert!(cut < 0.1 * whole, "{cut} of {whole}");
+    }
 }
 
 fn settings(cut_charts: bool) -> Settings {

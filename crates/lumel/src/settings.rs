@@ -278,7 +278,7 @@ pub struct Settings {
     /// Whether sheets with different light on their two sides get separate faces for each side.
     pub split_sides: bool,
     /// Whether charts end under thin walls with different light on their two sides, and at the
-    /// straight edges of suns' shadows, with new vertices there. Otherwise lumels there are read
+    /// straight edges of sharp shadows, with new vertices there. Otherwise lumels there are read
     /// from both sides.
     pub cut_charts: bool,
     /// Whether bilinear lookups on both sides of chart borders are made to agree.

@@ -19,7 +19,8 @@ use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
 use choice::Tables;
-use lamp_tree::{LampTree, Lamps};
+pub(crate) use lamp_tree::LampTree;
+use lamp_tree::Lamps;
 use tally::{Mark, Tally};
 use terms::{REST, draw_rest};
 
@@ -167,7 +168,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         DirectLight {
             world,
             emitters,
-            lamps: LampTree::new(world),
+            lamps: LampTree::new(&world.scene.lights, |k| {
+                !world.is_masked(k) && !world.leaves_out(k)
+            }),
             tables: Tables::default(),
         }
     }

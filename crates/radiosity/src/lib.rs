@@ -57,7 +57,7 @@ pub use openings::{Opening, Openings};
 pub use relax::{RelaxOptions, RelaxReport, RelaxStep};
 pub use roles::{LampRoles, MASKS, MaskLamps, lamps_that_reach};
 pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
-pub use shadow_edges::{Caster, Ground, Outline, SOFT, ShadowEdge, Suns};
+pub use shadow_edges::{Caster, Ground, Outline, SOFT, ShadowEdge, SharpLights};
 pub use sky::Sky;
 pub use solution::{Look, Reflected, Sent, Solution, SolveReport, SolveStep, of_lit};
 pub use solve::{SolveOptions, count_patches, solve};

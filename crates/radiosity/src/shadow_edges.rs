@@ -1,4 +1,4 @@
-//! Edges of the sharp shadows that suns cast on flat surfaces.
+//! Edges of the sharp shadows that lights and lamps cast on flat surfaces.
 //!
 //! Where such an edge runs along the border of a chart, light is discontinuous there, and the
 //! border is what makes it sharp in the lightmap.
@@ -6,36 +6,165 @@
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
 
-use crate::world::{SurfacePoint, World, luminance};
+use crate::direct::LampTree;
+use crate::solids::connected;
+use crate::world::{Emission, SurfacePoint, World, luminance};
 
 /// Halvings of the distance between a lit and a shaded point: to a thousandth of it.
 const HALVINGS: u32 = 10;
 
-/// Rays towards a sun begin this many of their [offsets](World::offset) above a surface, as points
-/// on it are computed.
+/// Rays towards a light begin this many of their [offsets](World::offset) above a surface, as
+/// points on it are computed.
 const LIFTED: f32 = 4.0;
 
-/// A sun stands at least this high above a surface (sine).
+/// A light stands at least this high above a surface (sine).
 const GRAZING: f32 = 0.05;
 
-/// The suns of a scene, for their shadows' edges.
-pub struct Suns {
-    suns: Vec<Sun>,
+/// A lamp's shadow counts where, unoccluded, it would bring this share of all lamps' light: the
+/// sides of its edge may differ then, even where most of the others are hidden.
+const SHARE: f32 = 0.03;
+
+/// A lamp looks at most this wide, radians. The shadows of wider ones are sharp only where something
+/// stands on a surface.
+const WIDEST: f32 = 0.15;
+
+/// Edges nearer to a lamp than this fraction of its height above a surface are cut off there: their
+/// shadows end a thousand heights away.
+const BELOW: f32 = 0.999;
+
+/// The lights of a scene whose shadows may have sharp edges.
+pub struct SharpLights {
+    /// Those of the scene, and emissive bodies.
+    lights: Vec<Light>,
+    /// Likewise; `None` if it casts no edges.
+    sources: Vec<Option<Source>>,
+    lamps: LampTree,
     /// A distance beyond the whole scene, metres.
     far: f32,
 }
 
-struct Sun {
-    /// Unit vector towards it.
-    toward: Vec3,
-    /// Angular diameter, radians.
-    width: f32,
+#[derive(Clone, Copy)]
+enum Source {
+    Sun {
+        /// Unit vector towards it.
+        toward: Vec3,
+        /// Angular diameter, radians.
+        width: f32,
+    },
+    Lamp {
+        at: Vec3,
+        /// Metres.
+        radius: f32,
+        /// Unit axis of its cone and the cosine of half of its angle; −1 if it has none.
+        axis: Vec3,
+        cone: f32,
+    },
 }
 
-/// A triangle that ends a sun's light.
+impl Source {
+    /// `None` if its light has edges of its own.
+    fn of(light: &Light) -> Option<Source> {
+        if luminance(light.intensity) <= 0.0 || light.cookie.is_some() {
+            return None;
+        }
+        Some(match light.kind {
+            LightKind::Directional { direction, angle } => Source::Sun {
+                toward: -direction,
+                width: 2.0 * angle,
+            },
+            LightKind::Point {
+                position, radius, ..
+            } => Source::Lamp {
+                at: position,
+                radius,
+                axis: Vec3::Y,
+                cone: -1.0,
+            },
+            LightKind::Spot {
+                position,
+                radius,
+                direction,
+                outer,
+                ..
+            } => Source::Lamp {
+                at: position,
+                radius,
+                axis: direction,
+                cone: libm::cosf(outer),
+            },
+        })
+    }
+
+    /// Unit vector towards it from a point.
+    fn toward(&self, p: Vec3) -> Vec3 {
+        match *self {
+            Source::Sun { toward, .. } => toward,
+            Source::Lamp { at, .. } => (at - p).normalize_or_zero(),
+        }
+    }
+
+    /// Whether it may cast sharp shadows at a point: as a lamp, if that is in its cone, and not too
+    /// near.
+    fn has(&self, p: Vec3) -> bool {
+        match *self {
+            Source::Sun { .. } => true,
+            Source::Lamp {
+                at,
+                radius,
+                axis,
+                cone,
+            } => 2.0 * radius <= WIDEST * at.distance(p) && -axis.dot(self.toward(p)) >= cone,
+        }
+    }
+
+    /// Width of a penumbra across the light, metres, this far from what casts it; `p` is in it.
+    fn penumbra(&self, p: Vec3, distance: f32) -> f32 {
+        match *self {
+            Source::Sun { width, .. } => distance * width,
+            Source::Lamp { radius: 0.0, .. } => 0.0,
+            Source::Lamp { at, radius, .. } => {
+                let beyond = p.distance(at) - distance;
+                2.0 * radius * distance / beyond.max(radius)
+            }
+        }
+    }
+
+    /// What of an edge casts a shadow on a surface, and where, metres.
+    fn project(&self, corners: [Vec3; 2], ground: &Ground) -> Option<[Vec3; 2]> {
+        let height = |p: Vec3| ground.height(p);
+        // Of an edge that goes through the surface, the part above it.
+        let above = below(corners.map(|p| (p, -height(p))), 0.0)?;
+        match *self {
+            Source::Sun { toward, .. } => {
+                let climb = ground.up.dot(toward);
+                let cast = |p: Vec3| p - toward * (height(p).max(0.0) / climb);
+                (climb >= GRAZING).then(|| above.map(cast))
+            }
+            Source::Lamp { at, .. } => {
+                let lamp = height(at);
+                let under = below(above.map(|p| (p, height(p))), BELOW * lamp)?;
+                let cast = |p: Vec3| at + (p - at) * (lamp / (lamp - height(p).max(0.0)));
+                (lamp > 0.0).then(|| under.map(cast))
+            }
+        }
+    }
+}
+
+/// The part of a line on which a value that changes evenly along it is at most `most`.
+fn below(mut ends: [(Vec3, f32); 2], most: f32) -> Option<[Vec3; 2]> {
+    ends.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let [(a, low), (b, high)] = ends;
+    let end = match high > most {
+        true => a.lerp(b, (most - low) / (high - low)),
+        false => b,
+    };
+    (low < most).then_some([a, end])
+}
+
+/// A triangle that ends a light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Caster {
-    sun: u32,
+    light: u32,
     /// Of the soup.
     triangle: u32,
 }
@@ -53,17 +182,37 @@ impl Ground {
     fn height(&self, p: Vec3) -> f32 {
         self.up.dot(p - self.on)
     }
+
+    /// Of the shadow of an edge with this direction: its unit normal in the plane, and by how much
+    /// penumbras are wider there than across the light. `None` if the light grazes the plane.
+    fn across(&self, edge: Vec3, toward: Vec3) -> Option<(Vec3, f32)> {
+        let across = edge.cross(toward).normalize_or_zero();
+        let level = across - self.up * across.dot(self.up);
+        let length = level.length();
+        (self.up.dot(toward) >= GRAZING && length >= GRAZING)
+            .then(|| (level / length, 1.0 / length))
+    }
+
+    /// A point of it, as a receiver.
+    pub fn point(&self, world: &World, at: Vec3) -> SurfacePoint {
+        SurfacePoint {
+            position: at,
+            origin: at + self.up * (LIFTED * world.offset(at)),
+            normal: self.up,
+            geometric: self.up,
+        }
+    }
 }
 
 /// The shadow of an edge of a triangle on a surface, as far as it may be the edge of a shadow.
 #[derive(Debug, Clone, Copy)]
 pub struct Outline {
-    sun: u32,
+    light: u32,
     /// Its ends, metres.
     pub ends: [Vec3; 2],
     /// Unit normal in the plane of the surface.
     pub normal: Vec3,
-    /// Width of a penumbra across it, by the distance from what casts it.
+    /// Width of a penumbra across it, by its width across the light.
     wider: f32,
 }
 
@@ -82,41 +231,49 @@ pub struct ShadowEdge {
 /// they cross lumels at an angle; wider ones are gradients that lumels can hold.
 pub const SOFT: f32 = 2.0;
 
-impl Suns {
+impl SharpLights {
     /// Those of the world's scene that shine without a cookie, and whose light or shadow is baked.
-    pub fn new(world: &World) -> Suns {
-        let is_stored = |&(k, l): &(usize, &Light)| {
-            luminance(l.intensity) > 0.0
-                && l.cookie.is_none()
-                && (!world.leaves_out(k) || world.is_masked(k))
-        };
-        let suns: Vec<Sun> = (world.scene.lights.iter().enumerate())
-            .filter(is_stored)
-            .filter_map(|(_, l)| match l.kind {
-                LightKind::Directional { direction, angle } => Some(Sun {
-                    toward: -direction,
-                    width: 2.0 * angle,
-                }),
-                _ => None,
-            })
+    pub fn new(world: &World) -> SharpLights {
+        let mut lights = world.scene.lights.clone();
+        let of_scene = lights.len();
+        lights.extend(bodies(world));
+        let is_stored = |k: usize| k >= of_scene || !world.leaves_out(k) || world.is_masked(k);
+        let sources: Vec<Option<Source>> = (lights.iter().enumerate())
+            .map(|(k, light)| Source::of(light).filter(|_| is_stored(k)))
             .collect();
+        let is_sun = |s: &Source| matches!(s, Source::Sun { .. });
+        let has_suns = sources.iter().flatten().any(is_sun);
         let corners = world.soup.triangles.iter().flatten();
-        let size = match suns.is_empty() {
-            true => 0.0,
-            false => corners.fold(0.0f32, |far, p| far.max(p.abs().max_element())),
+        let size = match has_suns {
+            true => corners.fold(0.0f32, |far, p| far.max(p.abs().max_element())),
+            false => 0.0,
         };
-        Suns {
-            suns,
+        SharpLights {
+            lamps: LampTree::new(&lights, |_| true),
+            sources,
+            lights,
             far: 4.0 * size,
         }
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.suns.is_empty()
+        self.sources.iter().all(Option::is_none)
     }
 
-    /// Which of two steps off a line on a surface leads into the sun, if the other leads into the
+    /// Those that may matter at a point.
+    fn around(&self, p: Vec3) -> Vec<(u32, Source)> {
+        let lamps = self.lamps.strongest(&self.lights, p, SHARE);
+        let source = |k: u32| {
+            let source = self.sources[k as usize]?;
+            source.has(p).then_some((k, source))
+        };
+        let mut around: Vec<(u32, Source)> = lamps.into_iter().filter_map(source).collect();
+        around.sort_unstable_by_key(|(k, _)| *k);
+        around
+    }
+
+    /// Which of two steps off a line on a surface leads into a light, if the other leads into its
     /// shade and the edge of a shadow runs along the line: what shades is so near that the penumbra
     /// is at most `soft` metres wide, and beyond the penumbra it is lit. `on` is a point of the
     /// line, lifted off the surface, and the steps are in metres.
@@ -127,38 +284,46 @@ impl Suns {
         (steps, normal): ([Vec3; 2], Vec3),
         soft: f32,
     ) -> Option<usize> {
-        self.suns.iter().find_map(|sun| {
-            let height = normal.dot(sun.toward);
+        let away = steps[0].normalize_or_zero();
+        let ground = Ground { on, up: normal };
+        self.around(on).iter().find_map(|(_, light)| {
+            let (_, wider) = ground.across(normal.cross(away), light.toward(on))?;
             let parts = |[lit, shaded]: [Vec3; 2]| {
-                let Some((_, distance)) = self.blocker(world, sun, on + shaded) else {
+                let Some((_, distance)) = self.blocker(world, light, on + shaded) else {
                     return false;
                 };
-                let penumbra = distance * sun.width;
-                let beyond = lit.normalize_or_zero() * (penumbra / height);
-                penumbra <= soft && self.blocker(world, sun, on + lit + beyond).is_none()
+                let penumbra = light.penumbra(on, distance) * wider;
+                let beyond = lit.normalize_or_zero() * penumbra;
+                penumbra <= soft && self.blocker(world, light, on + lit + beyond).is_none()
             };
             let [a, b] = steps;
-            let mut sides = [[a, b], [b, a]].into_iter();
-            (height >= GRAZING).then(|| sides.position(parts)).flatten()
+            [[a, b], [b, a]].into_iter().position(parts)
         })
     }
 
     /// What casts the edges of shadows between two points on a flat surface, with penumbras of at
     /// most `soft` metres.
     pub fn casters(&self, world: &World, ends: &[SurfacePoint; 2], soft: f32) -> Vec<Caster> {
-        let casters = (0u32..)
-            .zip(&self.suns)
-            .filter_map(|(k, sun)| Some((k, self.caster(world, sun, ends, soft)?)));
-        let casters = casters.map(|(sun, triangle)| Caster { sun, triangle });
-        casters.collect()
+        (self.around(ends[0].position).into_iter())
+            .filter_map(|(light, source)| {
+                let triangle = self.caster(world, &source, ends, soft)?;
+                Some(Caster { light, triangle })
+            })
+            .collect()
     }
 
-    fn caster(&self, world: &World, sun: &Sun, ends: &[SurfacePoint; 2], soft: f32) -> Option<u32> {
-        if ends[0].geometric.dot(sun.toward) < GRAZING {
+    fn caster(
+        &self,
+        world: &World,
+        light: &Source,
+        ends: &[SurfacePoint; 2],
+        soft: f32,
+    ) -> Option<u32> {
+        let [a, b] = ends.map(|p| p.origin);
+        if ends[0].geometric.dot(light.toward(a)) < GRAZING {
             return None;
         }
-        let [a, b] = ends.map(|p| p.origin);
-        let hits = [a, b].map(|p| self.blocker(world, sun, p));
+        let hits = [a, b].map(|p| self.blocker(world, light, p));
         let (mut lit, mut shaded, mut hit) = match hits {
             [None, Some(hit)] => (a, b, hit),
             [Some(hit), None] => (b, a, hit),
@@ -166,53 +331,38 @@ impl Suns {
         };
         for _ in 0..HALVINGS {
             let middle = lit.midpoint(shaded);
-            match self.blocker(world, sun, middle) {
+            match self.blocker(world, light, middle) {
                 Some(nearer) => (shaded, hit) = (middle, nearer),
                 None => lit = middle,
             }
         }
         let (triangle, distance) = hit;
-        (distance * sun.width <= soft).then_some(triangle)
+        (light.penumbra(shaded, distance) <= soft).then_some(triangle)
     }
 
     /// The shadows of the edges of a triangle on a surface.
     pub fn outlines(&self, world: &World, caster: Caster, ground: &Ground) -> Vec<Outline> {
-        let toward = self.suns[caster.sun as usize].toward;
-        let climb = ground.up.dot(toward);
-        if climb < GRAZING {
+        let Some(light) = self.sources[caster.light as usize] else {
             return Vec::new();
-        }
+        };
         let corners = world.soup.triangles[caster.triangle as usize];
         let outlines = [[0, 1], [1, 2], [2, 0]].into_iter().filter_map(|ends| {
-            // Of an edge that goes through the surface, the part above it.
-            let [(a, low), (b, high)] = {
-                let mut ends = ends.map(|k| (corners[k], ground.height(corners[k])));
-                ends.sort_by(|a, b| a.1.total_cmp(&b.1));
-                ends
-            };
-            if high <= 0.0 {
-                return None;
-            }
-            let (a, low) = match low < 0.0 {
-                true => (a.lerp(b, low / (low - high)), 0.0),
-                false => (a, low),
-            };
-            let ends = [(a, low), (b, high)].map(|(p, height)| p - toward * (height / climb));
-            let across = (b - a).cross(toward).normalize_or_zero();
-            let level = across - ground.up * across.dot(ground.up);
-            let length = level.length();
-            (length >= GRAZING).then(|| Outline {
-                sun: caster.sun,
+            let corners = ends.map(|k| corners[k]);
+            let ends = light.project(corners, ground)?;
+            let [a, b] = corners;
+            let (normal, wider) = ground.across(b - a, light.toward(a))?;
+            Some(Outline {
+                light: caster.light,
                 ends,
-                normal: level / length,
-                wider: 1.0 / length,
+                normal,
+                wider,
             })
         });
         outlines.collect()
     }
 
     /// The edge of a shadow at a point of an outline, if it is one: steps of `beside` metres to
-    /// either side part sun and shade, both are at least `strip` metres wide, and the penumbra is
+    /// either side part light and shade, both are at least `strip` metres wide, and the penumbra is
     /// at most `soft` metres wide. What is lit is at least half as wide as the penumbra, too, which
     /// light through a slit is not.
     pub fn edge(
@@ -222,19 +372,19 @@ impl Suns {
         ground: &Ground,
         [beside, strip, soft]: [f32; 3],
     ) -> Option<ShadowEdge> {
-        let sun = &self.suns[outline.sun as usize];
-        let blocker = |p: Vec3| {
-            let lifted = p + ground.up * (LIFTED * world.offset(p));
-            self.blocker(world, sun, lifted)
-        };
+        let light = self.sources[outline.light as usize]?;
+        if ground.up.dot(light.toward(at)) < GRAZING {
+            return None;
+        }
+        let blocker = |p: Vec3| self.blocker(world, &light, ground.point(world, p).origin);
         let step = outline.normal * beside;
         let (normal, distance) = match [blocker(at + step), blocker(at - step)] {
             [Some((_, distance)), None] => (outline.normal, distance),
             [None, Some((_, distance))] => (-outline.normal, distance),
             _ => return None,
         };
-        let penumbra = 0.5 * distance * sun.width * outline.wider;
-        let parts = distance * sun.width <= soft
+        let penumbra = 0.5 * light.penumbra(at, distance) * outline.wider;
+        let parts = 2.0 * penumbra <= soft
             && blocker(at - normal * penumbra.max(strip)).is_none()
             && blocker(at + normal * strip).is_some();
         parts.then_some(ShadowEdge {
@@ -244,11 +394,60 @@ impl Suns {
         })
     }
 
-    /// The first opaque triangle from a point towards a sun, with its distance, metres.
-    fn blocker(&self, world: &World, sun: &Sun, from: Vec3) -> Option<(u32, f32)> {
-        let hit = world.first_between(from, from + sun.toward * self.far)?;
-        Some((hit.triangle, hit.t * self.far))
+    /// The first opaque triangle from a point towards a light, with its distance, metres.
+    fn blocker(&self, world: &World, light: &Source, from: Vec3) -> Option<(u32, f32)> {
+        let (to, reach) = match *light {
+            Source::Sun { toward, .. } => (from + toward * self.far, self.far),
+            Source::Lamp { at, radius, .. } => {
+                let reach = (from.distance(at) - radius).max(0.0);
+                (from + light.toward(from) * reach, reach)
+            }
+        };
+        let hit = world.first_between(from, to)?;
+        Some((hit.triangle, hit.t * reach))
     }
+}
+
+/// Emissive bodies, as lamps with a radius: flames and bulbs cast sharp shadows, too.
+fn bodies(world: &World) -> Vec<Light> {
+    let soup = world.soup;
+    let emissive: Vec<u32> = (0..soup.triangles.len() as u32)
+        .filter(|&t| world.emission(t) == Emission::Sampled)
+        .collect();
+    let corners: Vec<[Vec3; 3]> = (emissive.iter())
+        .map(|&t| soup.triangles[t as usize])
+        .collect();
+    let lamp = |body: Vec<usize>| {
+        let power = |k: usize| {
+            let t = emissive[k] as usize;
+            let material = &world.scene.materials[soup.materials[t] as usize];
+            luminance(material.emissive) * soup.areas[t]
+        };
+        let sum: f32 = body.iter().map(|&k| power(k)).sum();
+        let middle = |k: usize| corners[k].iter().sum::<Vec3>() / 3.0;
+        let at = body.iter().map(|&k| middle(k) * power(k)).sum::<Vec3>() / sum;
+        let far = |k: usize| {
+            corners[k]
+                .iter()
+                .map(|p| p.distance(at))
+                .fold(0.0, f32::max)
+        };
+        Light {
+            name: String::new(),
+            node: None,
+            // A closed body shows half of its faces.
+            intensity: Vec3::splat(0.5 * sum),
+            kind: LightKind::Point {
+                position: at,
+                range: None,
+                radius: body.iter().map(|&k| far(k)).fold(0.0, f32::max),
+            },
+            profile: None,
+            cookie: None,
+        }
+    };
+    let bodies = connected(&corners).into_iter().map(lamp);
+    bodies.filter(|l| l.intensity.x > 0.0).collect()
 }
 
 #[cfg(test)]
@@ -294,11 +493,11 @@ mod tests {
 
     const OPEN: f32 = f32::INFINITY;
 
-    fn with<T>(of: (f32, f32), f: impl FnOnce(&World, &Suns) -> T) -> T {
+    fn with<T>(of: (f32, f32), f: impl FnOnce(&World, &SharpLights) -> T) -> T {
         let scene = plate(of);
         let soup = Soup::build(&scene);
         let world = World::build(&scene, &soup, WorldOptions::default()).expect("a tree");
-        f(&world, &Suns::new(&world))
+        f(&world, &SharpLights::new(&world))
     }
 
     /// A point of the plane, as a receiver.
@@ -319,15 +518,15 @@ mod tests {
             on: Vec3::ZERO,
             up: Vec3::Z,
         };
-        with(of, |world, suns| {
-            let casters = suns.casters(world, &[on(from), on(to)], soft);
+        with(of, |world, lights| {
+            let casters = lights.casters(world, &[on(from), on(to)], soft);
             let outlines =
-                (casters.into_iter()).flat_map(|caster| suns.outlines(world, caster, &ground));
+                (casters.into_iter()).flat_map(|caster| lights.outlines(world, caster, &ground));
             let points = outlines.flat_map(|o| {
                 (0..10u8).map(move |k| (o, o.ends[0].lerp(o.ends[1], 0.1 * f32::from(k) + 0.05)))
             });
             points
-                .filter_map(|(o, at)| suns.edge(world, (&o, at), &ground, [1e-3, 0.01, soft]))
+                .filter_map(|(o, at)| lights.edge(world, (&o, at), &ground, [1e-3, 0.01, soft]))
                 .filter(|edge| edge.at.y.abs() < 8.9)
                 .collect()
         })
@@ -362,6 +561,123 @@ mod tests {
         assert!(edges((0.01, OPEN), -1.0, -0.4, 0.03).is_empty(), "too soft");
     }
 
+    /// A plate of 1 × 1 m at z = 1 above the plane z = 0, under a light.
+    fn under(add: impl FnOnce(&mut Scene)) -> Scene {
+        let mut scene = Scene::default();
+        let grey = || material(0.5, Vec3::ZERO);
+        let mut square = |half: f32, z: f32| {
+            let corner = Vec3::new(-half, -half, z);
+            let [x, y] = [Vec3::X, Vec3::Y].map(|axis| axis * (2.0 * half));
+            add_quad(&mut scene, grey(), corner, x, y);
+        };
+        square(9.0, 0.0);
+        square(0.5, 1.0);
+        add(&mut scene);
+        scene
+    }
+
+    /// Where between two places of the plane, along y = 0.2, shadows have edges, with the
+    /// penumbras beyond.
+    fn edges_under(scene: &Scene, [from, to]: [f32; 2]) -> Vec<(Vec3, f32)> {
+        let soup = Soup::build(scene);
+        let world = World::build(scene, &soup, WorldOptions::default()).expect("a tree");
+        let lights = SharpLights::new(&world);
+        let ground = Ground {
+            on: Vec3::ZERO,
+            up: Vec3::Z,
+        };
+        let ends = [from, to].map(|x| {
+            let mut point = on(x);
+            for p in [&mut point.position, &mut point.origin] {
+                p.y = 0.2;
+            }
+            point
+        });
+        let casters = lights.casters(&world, &ends, 0.2);
+        let outlines = (casters.into_iter()).flat_map(|c| lights.outlines(&world, c, &ground));
+        let middles = outlines.map(|o| (o, o.ends[0].midpoint(o.ends[1])));
+        middles
+            .filter_map(|(o, at)| lights.edge(&world, (&o, at), &ground, [1e-3, 0.01, 0.2]))
+            .map(|edge| (edge.at, edge.penumbra))
+            .collect()
+    }
+
+    /// A lamp of this radius 3 m above the plate's middle.
+    fn hanging(radius: f32) -> LightKind {
+        LightKind::Point {
+            position: Vec3::Z * 4.0,
+            range: None,
+            radius,
+        }
+    }
+
+    #[test]
+    fn edges_of_a_lamps_shadow_lie_on_rays_from_it() {
+        // The plate's rim at 0.5 m is seen 4 : 3 as large on the plane.
+        let rim = 0.5 * 4.0 / 3.0;
+        let of = |radius| under(|scene| scene.lights.push(light(1.0, hanging(radius))));
+        for ends in [[0.3, 1.0], [1.0, 0.3]] {
+            let edges = edges_under(&of(0.0), ends);
+            assert!(!edges.is_empty());
+            for (at, penumbra) in edges {
+                let off = at.x.abs().max(at.y.abs()) - rim;
+                assert!(off.abs() < 1e-4 && at.z.abs() < 1e-5, "{at}");
+                assert!(penumbra < 1e-6, "{penumbra}");
+            }
+        }
+        // A third of the lamp's width, and half of that is beyond the edge.
+        let soft = edges_under(&of(0.05), [0.3, 1.0]);
+        assert!(!soft.is_empty());
+        for (_, penumbra) in soft {
+            assert!((penumbra - 0.05 / 3.0).abs() < 1e-3, "{penumbra}");
+        }
+        assert!(edges_under(&of(0.0), [0.8, 1.2]).is_empty(), "both are lit");
+        assert!(edges_under(&of(0.3), [0.3, 1.0]).is_empty(), "too wide");
+    }
+
+    #[test]
+    fn a_spot_has_edges_in_its_cone_only() {
+        let spot = |outer| {
+            under(|scene| {
+                let kind = LightKind::Spot {
+                    position: Vec3::Z * 4.0,
+                    direction: -Vec3::Z,
+                    range: None,
+                    radius: 0.0,
+                    inner: 0.0,
+                    outer,
+                };
+                scene.lights.push(light(1.0, kind));
+            })
+        };
+        assert!(!edges_under(&spot(0.5), [0.3, 1.0]).is_empty());
+        assert!(edges_under(&spot(0.05), [0.3, 1.0]).is_empty());
+    }
+
+    #[test]
+    fn an_emissive_body_is_a_lamp_if_it_is_small() {
+        let bulb = |half: f32| {
+            under(|scene| {
+                let glow = material(0.0, Vec3::ONE);
+                let corner = Vec3::new(-half, half, 4.0);
+                add_quad(
+                    scene,
+                    glow,
+                    corner,
+                    Vec3::X * 2.0 * half,
+                    -Vec3::Y * 2.0 * half,
+                );
+            })
+        };
+        let edges = edges_under(&bulb(0.03), [0.3, 1.0]);
+        assert!(!edges.is_empty());
+        for (at, _) in edges {
+            let off = at.x.abs().max(at.y.abs()) - 0.5 * 4.0 / 3.0;
+            assert!(off.abs() < 1e-4, "{at}");
+        }
+        assert!(edges_under(&bulb(0.3), [0.3, 1.0]).is_empty());
+    }
+
     #[test]
     fn light_through_a_slit_has_no_edges() {
         // Two centimetres of hard light; a penumbra is wider by far.
@@ -374,9 +690,9 @@ mod tests {
     fn a_line_parts_sun_and_shade_only_along_the_edge() {
         let part = |angle, x: f32, soft| {
             let steps = [0.02, -0.02].map(|x| Vec3::X * x);
-            with((angle, OPEN), |world, suns| {
+            with((angle, OPEN), |world, lights| {
                 let [there, back] = [steps, [steps[1], steps[0]]]
-                    .map(|steps| suns.lit_side(world, on(x).origin, (steps, Vec3::Z), soft));
+                    .map(|steps| lights.lit_side(world, on(x).origin, (steps, Vec3::Z), soft));
                 // Towards +x is lit.
                 assert_eq!(there, back.map(|k| 1 - k));
                 assert_ne!(there, Some(1));

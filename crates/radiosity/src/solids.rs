@@ -298,7 +298,7 @@ fn bits(p: Vec3) -> [u32; 3] {
 
 /// Indices of triangles by connected piece; triangles with a corner in the same position are
 /// connected.
-fn connected(corners: &[[Vec3; 3]]) -> Vec<Vec<usize>> {
+pub(crate) fn connected(corners: &[[Vec3; 3]]) -> Vec<Vec<usize>> {
     let mut places: Vec<([u32; 3], u32)> = (corners.iter().enumerate())
         .flat_map(|(t, c)| c.map(|p| (bits(p), t as u32)))
         .collect();

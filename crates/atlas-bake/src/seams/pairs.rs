@@ -2,7 +2,7 @@
 
 use atlas::{Layout, Lumels};
 use glam::{Vec2, Vec3};
-use radiosity::{Suns, World};
+use radiosity::{SharpLights, World};
 use rayon::prelude::*;
 
 use crate::seams::border::{Piece, border_pieces};
@@ -144,21 +144,21 @@ fn parted<'l>(
     pieces: &[Piece],
     stretches: &[Stretch],
 ) -> Parted<'l> {
-    let suns = Suns::new(world);
+    let lights = SharpLights::new(world);
     let places: Vec<[Place; 2]> = (stretches.par_iter())
         .with_min_len(64)
         .flat_map_iter(|s| {
             let pieces = s.pieces.map(|i| &pieces[i]);
-            let may = !suns.is_empty() && may_part(world, pieces, SAME_FACING);
+            let may = !lights.is_empty() && may_part(world, pieces, SAME_FACING);
             let n = if may {
                 (s.texels / PARTED).ceil().max(1.0) as u32
             } else {
                 0
             };
-            let suns = &suns;
+            let lights = &lights;
             (0..n).filter_map(move |i| {
                 let params = s.params((i as f32 + 0.5) / n as f32);
-                let lit = lit_side((world, suns), pieces, params)?;
+                let lit = lit_side((world, lights), pieces, params)?;
                 let at = places(pieces, params);
                 Some([lit, 1 - lit].map(|k| (pieces[k].page, at[k])))
             })

@@ -1,7 +1,7 @@
-//! Texels that the edges of suns' shadows part.
+//! Texels that the edges of sharp shadows part.
 
 use glam::{Vec2, Vec3};
-use radiosity::{SOFT, Suns, World};
+use radiosity::{SOFT, SharpLights, World};
 
 use crate::seams::border::Piece;
 use crate::seams::rows::lookup;
@@ -9,13 +9,13 @@ use crate::seams::rows::lookup;
 /// A page and a position on it, texels.
 pub(super) type Place = (u32, Vec2);
 
-/// Distance from a seam, texels, at which a sun's light is compared.
+/// Distance from a seam, texels, at which a light is compared.
 const AT_THE_EDGE: f32 = 0.1;
 
 /// Likewise, as a fraction of what lies between the seam and the far border of the triangle.
 const INSIDE: f32 = 0.5;
 
-/// Of each texel, whether lookups read it in the sun at the edge of a shadow, and in its shade.
+/// Of each texel, whether lookups read it in the light at the edge of a shadow, and in its shade.
 pub(super) struct Parted<'p> {
     pages: &'p [[u32; 2]],
     tags: Vec<Vec<u8>>,
@@ -60,9 +60,9 @@ pub(super) fn may_part(world: &World, pieces: [&Piece; 2], same_facing: f32) -> 
     n.dot(m) >= same_facing && pieces.iter().all(|p| !world.is_curved(p.triangle))
 }
 
-/// Which of two pieces is lit, if a sun's shadow ends between them.
+/// Which of two pieces is lit, if a shadow ends between them.
 pub(super) fn lit_side(
-    (world, suns): (&World, &Suns),
+    (world, lights): (&World, &SharpLights),
     pieces: [&Piece; 2],
     params: [f32; 2],
 ) -> Option<usize> {
@@ -77,7 +77,7 @@ pub(super) fn lit_side(
         p.inward * (AT_THE_EDGE * texel).min(INSIDE * room)
     });
     let on = on + normal * world.offset(on);
-    suns.lit_side(world, on, (steps, normal), SOFT * texel)
+    lights.lit_side(world, on, (steps, normal), SOFT * texel)
 }
 
 /// Distance from a point of a triangle to its border in a direction.

@@ -21,7 +21,7 @@ use std::cell::Cell;
 
 use glam::Vec3;
 use mesh_ingest::Scene;
-use radiosity::{Cancelled, Monitor, Suns, World, hash_u32, luminance};
+use radiosity::{Cancelled, Monitor, SharpLights, World, hash_u32, luminance};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -146,12 +146,12 @@ impl VertexBake<'_, '_, '_> {
     ) -> Result<(), Cancelled> {
         let scene = self.world.scene;
         let index = &self.map.index;
-        let suns = Suns::new(self.world);
+        let lights = SharpLights::new(self.world);
         let mut sheets: Vec<Sheet> = (0..scene.instances.len())
             .into_par_iter()
             .filter(|&i| scene.has_lightmap(i) && self.map.has(i))
             .map(|i| {
-                let parts = (self.world, &suns);
+                let parts = (self.world, &lights);
                 let mut sheet = Sheet::build(parts, self.layout, &self.map.lumels, i);
                 self.measure(&mut sheet, index);
                 sheet

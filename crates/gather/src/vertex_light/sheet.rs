@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use atlas::{Layout, Lumels, faces_of};
 use glam::{DVec2, Vec3};
 use mesh_ingest::{Primitive, Soup};
-use radiosity::{Suns, World};
+use radiosity::{SharpLights, World};
 
 use super::moments::{Moments, texels};
 use crate::vertex_footprint::Spoke;
@@ -80,7 +80,7 @@ pub(super) struct Sheet {
 impl Sheet {
     /// The triangles of an instance, unsplit, without moments.
     pub fn build(
-        (world, suns): (&World, &Suns),
+        (world, lights): (&World, &SharpLights),
         layout: &Layout,
         lumels: &Lumels,
         instance: usize,
@@ -145,24 +145,24 @@ impl Sheet {
                 moments: Moments::default(),
             });
         }
-        sheet.find_points(primitives, (world, suns));
+        sheet.find_points(primitives, (world, lights));
         sheet
     }
 
     /// Gives vertices at the same position and in the same smoothing group the same point, unless
     /// the edge of a shadow ends there at which charts were cut.
-    fn find_points(&mut self, primitives: &[Primitive], (world, suns): (&World, &Suns)) {
+    fn find_points(&mut self, primitives: &[Primitive], (world, lights): (&World, &SharpLights)) {
         let normals = self.normals(primitives);
-        let inward = match suns.is_empty() {
+        let inward = match lights.is_empty() {
             true => Vec::new(),
             false => self.inward(world.soup),
         };
         let parted = |a: u32, b: u32| {
             let [v, w] = [a, b].map(|v| self.vertices[v as usize]);
-            !suns.is_empty() && v.primitive != w.primitive && {
+            !lights.is_empty() && v.primitive != w.primitive && {
                 let sides = [a, b].map(|v| inward[v as usize]);
                 let place = self.places[v.place as usize];
-                is_shadow_edge((world, suns), place, sides)
+                is_shadow_edge((world, lights), place, sides)
             }
         };
         let mut order: Vec<(u32, u32)> = (self.vertices.iter().zip(0u32..))
@@ -276,14 +276,19 @@ impl Sheet {
     }
 }
 
-/// Whether a sun shines on one side of a vertex only. Of either side, its normal and the way to its
+/// Whether a light shines on one side of a vertex only. Of either side, its normal and the way to its
 /// middle.
-fn is_shadow_edge((world, suns): (&World, &Suns), at: Vec3, sides: [[Vec3; 2]; 2]) -> bool {
+fn is_shadow_edge(
+    (world, lights): (&World, &SharpLights),
+    at: Vec3,
+    sides: [[Vec3; 2]; 2],
+) -> bool {
     let normal = sides[0][0];
     let reach = sides[0][1].length().min(sides[1][1].length());
     let on = at + normal * world.offset(at);
     let steps = sides.map(|side| side[1].normalize_or_zero() * (BESIDE * reach));
-    suns.lit_side(world, on, (steps, normal), SOFT * reach)
+    lights
+        .lit_side(world, on, (steps, normal), SOFT * reach)
         .is_some()
 }
 

@@ -167,7 +167,7 @@ pub(crate) struct Bake {
     /// Override `split-sides = false` in the settings file
     #[arg(long, conflicts_with = "no_split_sides")]
     pub split_sides: bool,
-    /// Keep charts whole under thin walls and at the edges of suns' shadows, although both sides
+    /// Keep charts whole under thin walls and at the edges of sharp shadows, although both sides
     /// then read the same lumels
     #[arg(long)]
     pub no_cut_charts: bool,

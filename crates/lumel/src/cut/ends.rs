@@ -7,8 +7,8 @@ use std::ops::Range;
 use gather::{Footprint, GatherOptions, Gatherer, Interpolation, TILE, Wanted};
 use glam::Vec3;
 use radiosity::{
-    Caster, DirectLight, DirectOptions, Emitters, Ground, SOFT, Suns, SurfacePoint, hash_u32,
-    luminance,
+    Caster, DirectLight, DirectOptions, Emitters, Ground, SOFT, SharpLights, SurfacePoint,
+    hash_u32, luminance,
 };
 use rayon::prelude::*;
 
@@ -62,13 +62,13 @@ impl End {
         }
     }
 
-    /// What casts edges of shadows between it and a point farther in, with both points.
-    pub fn casters(&self, level: &Level, suns: &Suns) -> Option<(Vec<Caster>, [SurfacePoint; 2])> {
+    /// What casts edges of shadows between it and a point farther in.
+    pub fn casters(&self, level: &Level, lights: &SharpLights) -> Option<Vec<Caster>> {
         REACHES.into_iter().find_map(|lumels| {
             let points = [self.point, self.further(lumels * self.lumel)];
-            let casters = suns.casters(level.world, &points, SOFT * self.lumel);
+            let casters = lights.casters(level.world, &points, SOFT * self.lumel);
             let found = !casters.is_empty() && points.iter().all(|p| self.has(level, p));
-            found.then_some((casters, points))
+            found.then_some(casters)
         })
     }
 

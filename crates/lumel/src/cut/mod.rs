@@ -1,5 +1,5 @@
 //! Chooses where charts are cut: under [thin walls](walls) with different light on their two sides,
-//! and along the [edges of suns' shadows](shadows).
+//! and along the [edges of sharp shadows](shadows).
 //!
 //! A lumel that such a line crosses is read by lookups on both sides of it, and whatever it holds
 //! is wrong on one of them.
@@ -14,7 +14,7 @@ use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
 use patch_subdivision::{FlatPieces, PatchId};
-use radiosity::{Emitters, Ground, Solution, Suns, SurfacePoint, World, luminance};
+use radiosity::{Emitters, Ground, SharpLights, Solution, SurfacePoint, World, luminance};
 
 use crate::named::{node_of, some_of};
 use ends::{Ends, Light};
@@ -310,12 +310,12 @@ impl Lines {
             && let Cause::Shadow(pieces) = &mut line.cause
         {
             let along = line.normal.cross(up);
-            pieces.extend(edge.points.iter().map(|point| Piece {
+            pieces.extend(edge.points.iter().map(|(point, differ)| Piece {
                 at: along.dot(point.at),
                 length: edge.step,
                 behind: line.normal.dot(point.at) - line.offset,
                 penumbra: point.penumbra,
-                differ: edge.on.differ,
+                differ: *differ,
             }));
         }
     }
@@ -438,7 +438,7 @@ pub(crate) fn wanted(
 ) -> Vec<Cut> {
     let lumels = lumel_sizes(loaded, report);
     let may_cut = lumels.iter().any(Option::is_some);
-    let has_lines = solution.cut.has_walls() || !Suns::new(world).is_empty();
+    let has_lines = solution.cut.has_walls() || !SharpLights::new(world).is_empty();
     if !(may_cut && has_lines) {
         return Vec::new();
     }
@@ -679,7 +679,7 @@ pub(crate) fn note(scene: &Scene, cuts: &[Cut]) -> Option<String> {
     };
     (!cuts.is_empty()).then(|| {
         format!(
-            "charts end along {} lines, under thin walls and at the edges of suns' shadows, with new vertices there: {} (--no-cut-charts keeps the meshes)",
+            "charts end along {} lines, under thin walls and at the edges of sharp shadows, with new vertices there: {} (--no-cut-charts keeps the meshes)",
             cuts.len(),
             some_of((0..scene.instances.len()).filter(cut).map(|i| node_of(scene, i)))
         )

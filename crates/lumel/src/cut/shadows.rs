@@ -1,23 +1,23 @@
-//! Straight edges of the shadows of suns.
+//! Straight edges of the sharp shadows of suns and lamps.
 //!
-//! A lumel that such an edge crosses holds the mean of sun and shade. In a room the sun is a
+//! A lumel that such an edge crosses holds the mean of light and shade. In a room the sun is a
 //! hundred times as bright as the shade, so its patch on a wall grows by a lumel and gets teeth, at
 //! any density. If charts end where the edge is, both sides are as they should be.
 //!
-//! Neighbouring elements of which one is in the sun tell which triangles cast edges. Where these
-//! begin and end is a matter of geometry: the edges of the triangles are projected along the sun,
+//! Neighbouring elements of which one is lit tell which triangles cast edges. Where these
+//! begin and end is a matter of geometry: the edges of the triangles are projected along the light,
 //! and looked at point by point.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::Vec3;
-use radiosity::{Caster, Ground, Outline, SOFT, ShadowEdge, Suns, SurfacePoint};
+use radiosity::{Caster, Ground, Outline, SOFT, ShadowEdge, SharpLights, SurfacePoint};
 use rayon::prelude::*;
 
 use super::ends::{End, Ends, Light};
 use super::{Level, SUNLIT_STRIP};
 
-/// So far beside an outline, in lumels, sun and shade are told apart.
+/// So far beside an outline, in lumels, light and shade are told apart.
 const BESIDE: f32 = 0.005;
 
 /// An outline is looked at this often in a lumel …
@@ -25,6 +25,9 @@ const POINTS: f32 = 4.0;
 
 /// … and at most this often in all.
 const MOST_POINTS: usize = 1024;
+
+/// Light and shade beside an edge are measured at one of this many points of it.
+const MEASURED: usize = 16;
 
 /// What casts shadows is followed over the bends of surfaces until this many casters and surfaces
 /// were looked at, each with each: a finely divided hill under a wood has more of them than edges
@@ -37,8 +40,9 @@ pub(super) struct Edge {
     pub ends: [Vec3; 2],
     /// Unit normal of it, in the plane of the surface, into the shade.
     pub normal: Vec3,
-    /// What of it was found, in steps of this length, metres.
-    pub points: Vec<ShadowEdge>,
+    /// What of it was found, with the relative difference of the light, in steps of this length,
+    /// metres.
+    pub points: Vec<(ShadowEdge, f32)>,
     pub step: f32,
     pub on: Shaded,
 }
@@ -47,8 +51,6 @@ pub(super) struct Edge {
 #[derive(Clone, Copy)]
 pub(super) struct Shaded {
     pub ground: Ground,
-    /// Relative difference of the light.
-    pub differ: f32,
     /// Edge of its lumels, metres.
     pub lumel: f32,
     /// A triangle of it.
@@ -63,20 +65,21 @@ type Known = BTreeSet<(u32, bool, [[u32; 3]; 2])>;
 
 /// All of them.
 pub(super) fn find(level: &Level, ends: &Ends, light: &Light) -> Vec<Edge> {
-    let suns = Suns::new(level.world);
-    if suns.is_empty() {
+    let lights = SharpLights::new(level.world);
+    if lights.is_empty() {
         return Vec::new();
     }
     let surfaces = surfaces(level);
     let mut edges = Vec::new();
-    let mut next = casts(level, &suns, ends, light);
+    let mut next = casts(level, &lights, ends);
     let (mut looked_at, mut known) = (BTreeSet::new(), Known::new());
     while !next.is_empty() {
         looked_at.extend(next.keys().copied());
-        let outlines = outlines(level, &suns, &next, &mut known);
+        let outlines = outlines(level, &lights, &next, &mut known);
         let found: Vec<(Cast, Outline, Vec<Edge>)> = (outlines.into_par_iter())
             .map(|(cast, on, outline)| {
-                let found = along(level, &suns, &on, &outline, &surfaces[cast.0 as usize]);
+                let surface = &surfaces[cast.0 as usize];
+                let found = along(level, (&lights, light), &on, &outline, surface);
                 (cast, outline, found)
             })
             .filter(|(.., found)| !found.is_empty())
@@ -88,7 +91,7 @@ pub(super) fn find(level: &Level, ends: &Ends, light: &Light) -> Vec<Edge> {
             let beside = level.surfaces.beside(surface);
             for &other in beside.iter().filter(|_| goes_on) {
                 let cast = (other, back, caster);
-                if let Some(on) = surfaces[other as usize].shaded(level, back, &found[0].on)
+                if let Some(on) = surfaces[other as usize].shaded(level, back)
                     && !looked_at.contains(&cast)
                     && within(outline.ends, &surfaces[other as usize], on.lumel).is_some()
                 {
@@ -101,10 +104,29 @@ pub(super) fn find(level: &Level, ends: &Ends, light: &Light) -> Vec<Edge> {
     edges
 }
 
+/// Those points of an edge where light and shade differ, with how much.
+fn stark(
+    level: &Level,
+    light: &Light,
+    on: &Shaded,
+    points: &[ShadowEdge],
+) -> Vec<(ShadowEdge, f32)> {
+    let of_some = |points: &[ShadowEdge]| -> Vec<(ShadowEdge, f32)> {
+        let p = &points[points.len() / 2];
+        let beyond = p.normal * p.penumbra.max(SUNLIT_STRIP * on.lumel);
+        let sides = [p.at - beyond, p.at + beyond].map(|at| on.ground.point(level.world, at));
+        let Some(differ) = light.difference(level, &sides, on.lumel) else {
+            return Vec::new();
+        };
+        points.iter().map(|p| (*p, differ)).collect()
+    };
+    points.chunks(MEASURED).flat_map(of_some).collect()
+}
+
 /// What may cast edges of shadows, by pairs of elements and beside the ends of surfaces.
-fn casts(level: &Level, suns: &Suns, ends: &Ends, light: &Light) -> BTreeMap<Cast, Shaded> {
+fn casts(level: &Level, lights: &SharpLights, ends: &Ends) -> BTreeMap<Cast, Shaded> {
     let cut = &level.solution.cut;
-    let on = |e: u32, p: &SurfacePoint, differ: f32| {
+    let on = |e: u32, p: &SurfacePoint| {
         let triangle = cut.elements()[e as usize].triangle;
         let ground = Ground {
             on: p.position,
@@ -112,27 +134,26 @@ fn casts(level: &Level, suns: &Suns, ends: &Ends, light: &Light) -> BTreeMap<Cas
         };
         let on = Shaded {
             ground,
-            differ,
             lumel: level.lumel_of(triangle)?,
             triangle,
         };
         Some((level.surfaces.of(triangle)?, on))
     };
     let of_pair = |&pair: &[u32; 2]| {
-        let Some(differ) = level.difference(pair) else {
+        if level.difference(pair).is_none() {
             return Vec::new();
-        };
+        }
         let points = level.points(pair);
         // Of rough ground, each may be on a surface of its own.
         let mut sides: Vec<(u32, Shaded)> = (pair.iter().zip(&points))
-            .filter_map(|(&e, p)| on(e, p, differ))
+            .filter_map(|(&e, p)| on(e, p))
             .collect();
         sides.dedup_by_key(|(surface, _)| *surface);
         let Some((_, first)) = sides.first() else {
             return Vec::new();
         };
         let back = level.back[pair[0] as usize];
-        let casters = suns.casters(level.world, &points, SOFT * first.lumel);
+        let casters = lights.casters(level.world, &points, SOFT * first.lumel);
         let sides = &sides;
         (casters.into_iter())
             .flat_map(|c| sides.iter().map(move |&(s, on)| ((s, back, c), on)))
@@ -141,10 +162,9 @@ fn casts(level: &Level, suns: &Suns, ends: &Ends, light: &Light) -> BTreeMap<Cas
     let pairs = cut.neighbours();
     let pairs = pairs.par_iter().with_min_len(1024).flat_map_iter(of_pair);
     let beside = |end: &End| {
-        let (casters, points) = end.casters(level, suns)?;
+        let casters = end.casters(level, lights)?;
         let on = Shaded {
             ground: end.ground(),
-            differ: light.difference(level, &points, end.lumel)?,
             lumel: end.lumel,
             triangle: end.triangle,
         };
@@ -153,25 +173,20 @@ fn casts(level: &Level, suns: &Suns, ends: &Ends, light: &Light) -> BTreeMap<Cas
     };
     let mut found: Vec<(Cast, Shaded)> = pairs.collect();
     found.extend(ends.map(level, beside).into_iter().flatten());
-    let mut casts: BTreeMap<Cast, Shaded> = BTreeMap::new();
-    for (key, on) in found {
-        let differ = &mut casts.entry(key).or_insert(on).differ;
-        // Elements in the penumbra differ less.
-        *differ = differ.max(on.differ);
-    }
-    casts
+    // The first counts.
+    found.into_iter().rev().collect()
 }
 
 /// The outlines that may be edges of shadows and are not known yet.
 fn outlines(
     level: &Level,
-    suns: &Suns,
+    lights: &SharpLights,
     casts: &BTreeMap<Cast, Shaded>,
     known: &mut Known,
 ) -> Vec<(Cast, Shaded, Outline)> {
     let mut out = Vec::new();
     for (&(surface, back, caster), on) in casts {
-        for outline in suns.outlines(level.world, caster, &on.ground) {
+        for outline in lights.outlines(level.world, caster, &on.ground) {
             let mut ends = outline.ends.map(|p| p.to_array().map(f32::to_bits));
             ends.sort_unstable();
             if known.insert((surface, back, ends)) {
@@ -194,7 +209,7 @@ struct Surface {
 
 impl Surface {
     /// As the ground of a shadow that is on another surface, too; `None` if it is not cut.
-    fn shaded(&self, level: &Level, back: bool, other: &Shaded) -> Option<Shaded> {
+    fn shaded(&self, level: &Level, back: bool) -> Option<Shaded> {
         let soup = level.world.soup;
         let up = soup.normals[self.triangle as usize];
         Some(Shaded {
@@ -202,7 +217,6 @@ impl Surface {
                 on: soup.triangles[self.triangle as usize][0],
                 up: if back { -up } else { up },
             },
-            differ: other.differ,
             lumel: level.lumel_of(self.triangle)?,
             triangle: self.triangle,
         })
@@ -233,7 +247,7 @@ fn surfaces(level: &Level) -> Vec<Surface> {
 /// What of an outline is the edge of a shadow, with the shade on either side of it.
 fn along(
     level: &Level,
-    suns: &Suns,
+    (lights, light): (&SharpLights, &Light),
     on: &Shaded,
     outline: &Outline,
     surface: &Surface,
@@ -247,21 +261,21 @@ fn along(
     let is_on = |p: Vec3| level.is_on(p, on.triangle, &on.ground);
     let points = (0..count).filter_map(|k| {
         let at = ends[0].lerp(ends[1], (k as f32 + 0.5) / count as f32);
-        let edge = suns.edge(level.world, (outline, at), &on.ground, reach)?;
+        let edge = lights.edge(level.world, (outline, at), &on.ground, reach)?;
         let strip = edge.normal * reach[1];
         (is_on(at - strip) && is_on(at + strip)).then_some(edge)
     });
     let (one, other): (Vec<_>, Vec<_>) = points.partition(|p| p.normal == outline.normal);
     let edges = [(outline.normal, one), (-outline.normal, other)];
     (edges.into_iter())
-        .filter(|(_, points)| !points.is_empty())
         .map(|(normal, points)| Edge {
             ends,
             normal,
-            points,
+            points: stark(level, light, on, &points),
             step: length / count as f32,
             on: *on,
         })
+        .filter(|edge| !edge.points.is_empty())
         .collect()
 }
 

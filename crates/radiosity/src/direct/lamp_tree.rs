@@ -9,7 +9,7 @@ use mesh_ingest::{Light, LightKind};
 
 use super::sample::falloff;
 use crate::divide::lower_part;
-use crate::world::{World, luminance};
+use crate::world::luminance;
 
 /// Up to this many lamps are always treated one by one.
 const FEW: usize = 16;
@@ -29,7 +29,7 @@ const MOST_NEAR: usize = 256;
 
 /// A lamp, or a group of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Lamps {
+pub(crate) enum Lamps {
     One(u32),
     /// A node of the tree.
     Group(u32),
@@ -37,7 +37,7 @@ pub(super) enum Lamps {
 
 /// The lamps of a scene.
 #[derive(Debug, Default)]
-pub(super) struct LampTree {
+pub(crate) struct LampTree {
     /// Lamps that are always treated alone: suns, those of which something is recorded, and all if
     /// there are few. In ascending order.
     alone: Vec<u32>,
@@ -103,14 +103,10 @@ pub(super) fn weight(light: &Light, p: Vec3, scale: f32) -> f32 {
 }
 
 impl LampTree {
-    /// O(n log n) in lamps.
-    pub(super) fn new(world: &World) -> Self {
-        let lights = &world.scene.lights;
+    /// Lamps that may join others may be treated with them as one. O(n log n) in lamps.
+    pub(crate) fn new(lights: &[Light], may_join: impl Fn(usize) -> bool) -> Self {
         let all = 0..lights.len() as u32;
-        let may_join = |&k: &u32| {
-            let k = k as usize;
-            place(&lights[k]).is_some() && !world.is_masked(k) && !world.leaves_out(k)
-        };
+        let may_join = |&k: &u32| place(&lights[k as usize]).is_some() && may_join(k as usize);
         let (mut lamps, alone): (Vec<u32>, Vec<u32>) = all.clone().partition(may_join);
         if lamps.len() <= FEW {
             return LampTree {
@@ -167,6 +163,24 @@ impl LampTree {
                 }
             }
         }
+    }
+
+    /// The lamps that, apart from their direction and what hides them, bring at least this share of
+    /// all lamps' light to a point, and all suns.
+    pub(crate) fn strongest(&self, lights: &[Light], p: Vec3, share: f32) -> Vec<u32> {
+        let mut around = self.cut(lights, p, 0.0);
+        let is_sun = |lamps: &Lamps| match *lamps {
+            Lamps::One(k) => place(&lights[k as usize]).is_none(),
+            Lamps::Group(_) => false,
+        };
+        let of_lamps = around.iter().filter(|(lamps, _)| !is_sun(lamps));
+        let least = share * of_lamps.map(|(_, weight)| weight).sum::<f32>();
+        around.retain(|(lamps, weight)| is_sun(lamps) || *weight >= least);
+        let one = |(lamps, _)| match lamps {
+            Lamps::One(k) => Some(k),
+            Lamps::Group(_) => None,
+        };
+        around.into_iter().filter_map(one).collect()
     }
 
     /// The lamps of a node.
