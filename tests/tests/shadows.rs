@@ -58,7 +58,7 @@ fn boxes_on(ground: &Geometry, boxes: &[[Vec3; 2]], turn: f32, angle: f32) -> Ve
     b.finish()
 }
 
-/// The board of [`hanging`] over a ground of 8 × 8 m, 2 m below a lamp: a point, or a cube with
+/// The board of [`hanging`], turned, over a ground of 8 × 8 m, 2 m below a lamp: a point, or a cube with
 /// this edge, of the same power.
 fn under_a_lamp(edge: Option<f32>) -> Vec<u8> {
     const CANDELA: f32 = 30.0;
@@ -69,7 +69,10 @@ fn under_a_lamp(edge: Option<f32>) -> Vec<u8> {
     b.node(Node::of_mesh("ground", mesh));
     let [low, high] = hanging();
     let mesh = b.mesh("box", &[(&cuboid(low, high, 1), black)]);
-    b.node(Node::of_mesh("box", mesh));
+    b.node(Node {
+        rotation: Quat::from_rotation_y(25f32.to_radians()),
+        ..Node::of_mesh("box", mesh)
+    });
     match edge {
         None => {
             let lamp = b.light("lamp", Light::Point([CANDELA; 3]));
@@ -96,16 +99,16 @@ fn under_a_lamp(edge: Option<f32>) -> Vec<u8> {
 fn lamps_and_bulbs_cast_sharp_shadows() {
     for lamp in [None, Some(0.05)] {
         let glb = under_a_lamp(lamp);
-        // Around the shadow, the lamp brings 1.1 to 2.2 lx.
+        // Around the shadow, the lamp brings 0.8 to 2.2 lx.
         let half = |cut| {
             let lumels = lumels_of(&bake(&glb, &settings(cut)), "ground");
-            let near = |l: &&Seen| l.middle().x.abs() < 2.6 && l.middle().z.abs() < 1.8;
+            let near = |l: &&Seen| l.middle().x.abs() < 2.9 && l.middle().z.abs() < 2.5;
             let near: Vec<f64> = lumels.iter().filter(near).map(|l| l.red()).collect();
-            let half = near.iter().filter(|l| (0.02..0.8).contains(*l)).count();
+            let half = near.iter().filter(|l| (0.02..0.7).contains(*l)).count();
             half as f64 / near.len() as f64
         };
         let [whole, cut] = [false, true].map(half);
-        assert!(whole > 0.03, "{whole}");
+        assert!(whole > 0.01, "{whole}");
         assert!(cut < 0.1 * whole, "{cut} of {whole}");
     }
 }
