@@ -231,8 +231,9 @@ fn bake_opened(
     let solve = lit.solution.report.clone();
     drop(lit);
     let mut notes = opened.early.notes;
-    notes.extend(split::note(&opened.loaded.scene, &opened.changes.split));
-    notes.extend(cut::note(&opened.loaded.scene, &opened.changes.cuts));
+    let (scene, changes) = (&opened.loaded.scene, &opened.changes);
+    notes.extend(split::note(scene, &changes.split, &changes.cuts));
+    notes.extend(cut::note(scene, &changes.cuts));
     let report = Report {
         generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
         scene: name_of(file.file_name()),

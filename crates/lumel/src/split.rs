@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use glam::Vec3;
-use mesh_ingest::{Loaded, Scene, TriangleSource};
+use mesh_ingest::{Cut, Loaded, Scene, TriangleSource};
 use patch_subdivision::PatchId;
 use radiosity::{Incoming, Solution, World, cosine_hemisphere, luminance, sample_4d};
 
@@ -170,10 +170,19 @@ fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u3
 }
 
 /// Names the nodes whose sides were split.
-pub(crate) fn note(scene: &Scene, split: &BTreeSet<(usize, usize)>) -> Option<String> {
+pub(crate) fn note(
+    scene: &Scene,
+    split: &BTreeSet<(usize, usize)>,
+    cuts: &[Cut],
+) -> Option<String> {
     let meshes: BTreeSet<usize> = split.iter().map(|(mesh, _)| *mesh).collect();
-    let nodes = (0..scene.instances.len())
-        .filter(|&i| meshes.contains(&scene.meshes[scene.instances[i].mesh].gltf_mesh));
+    // A node that is cut may have a copy of its mesh.
+    let copied = cuts.iter().filter(|cut| meshes.contains(&cut.mesh));
+    let copied: BTreeSet<usize> = copied.filter_map(|cut| cut.node).collect();
+    let nodes = (0..scene.instances.len()).filter(|&i| {
+        let instance = &scene.instances[i];
+        meshes.contains(&scene.meshes[instance.mesh].gltf_mesh) || copied.contains(&instance.node)
+    });
     (!split.is_empty()).then(|| {
         format!(
             "double-sided faces have different light on their two sides, so each side has faces of its own in the output: {} (--no-split-sides keeps one value for both)",

@@ -6,6 +6,7 @@ use std::path::Path;
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::cuts::{self, Cut};
 use crate::document::{Document, ImageSource};
 use crate::error::{Error, Fault, Faults, Kind, Outcome};
 use crate::extras::SurfaceExtras;
@@ -19,7 +20,7 @@ use crate::primitive::{attribute_list, primitive_mode};
 use crate::report::{IngestReport, LeftOutReason, Totals};
 use crate::scene::{Instance, Mesh, Primitive, ReflectionPoint, Scene};
 use crate::settle::{needed_images, settle_alpha};
-use crate::{cuts, environment, extensions, extras, images, lights, lods, sides, writable};
+use crate::{environment, extensions, extras, images, lights, lods, sides, writable};
 
 /// A loaded document in normal form, the original, and a report.
 #[derive(Debug)]
@@ -57,12 +58,24 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     extensions::check(&document.root(), &mut faults, &mut report);
     check_layout(&document, &mut faults);
     faults.check(path)?;
+    let mut backs = BTreeMap::new();
     if !options.split_sides.is_empty() {
-        faults.take(sides::split(&mut document, &options.split_sides));
+        let split = faults.take(sides::split(&mut document, &options.split_sides));
         faults.check(path)?;
+        backs = split.unwrap_or_default();
     }
     if !options.cuts.is_empty() {
-        faults.take(cuts::apply(&mut document, &options.cuts));
+        // Both sides of a sheet are cut alike.
+        let of_back = |cut: &Cut| {
+            let primitive = *backs.get(&(cut.mesh, cut.primitive))?;
+            Some(Cut { primitive, ..*cut })
+        };
+        let cuts = options.cuts.iter();
+        let cuts: Vec<Cut> = cuts
+            .flat_map(|c| [Some(*c), of_back(c)])
+            .flatten()
+            .collect();
+        faults.take(cuts::apply(&mut document, &cuts));
         faults.check(path)?;
     }
 

@@ -35,8 +35,12 @@ pub(crate) fn can_split(primitive: &Item) -> bool {
 }
 
 /// Splits the primitives of `which` that exist and that [`can_split`] allows. The copies follow all
-/// primitives of their mesh, in order.
-pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) -> Outcome<()> {
+/// primitives of their mesh, in order, with their triangles in the same order. Returns the number of
+/// each copy in its mesh.
+pub(crate) fn split(
+    document: &mut Document,
+    which: &BTreeSet<PrimitiveNumber>,
+) -> Outcome<BTreeMap<PrimitiveNumber, usize>> {
     let mut added = Added::new(document)?;
     let mut copies: Vec<(PrimitiveNumber, Value)> = Vec::new();
     let root = document.root();
@@ -74,8 +78,9 @@ pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) 
         }
         copies.push(((mesh, number), copy));
     }
+    let mut backs = BTreeMap::new();
     if copies.is_empty() {
-        return Ok(());
+        return Ok(backs);
     }
     added.finish(document, clones);
     let json = document.json_mut();
@@ -83,10 +88,11 @@ pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) 
         let primitives = &mut json["meshes"][mesh]["primitives"];
         primitives[number]["material"] = copy["material"].clone();
         if let Some(list) = primitives.as_array_mut() {
+            backs.insert((mesh, number), list.len());
             list.push(copy);
         }
     }
-    Ok(())
+    Ok(backs)
 }
 
 /// Data of a new accessor.

@@ -1,7 +1,9 @@
 //! Nodes, instances, lights.
 
+use std::collections::BTreeMap;
+
 use glam::{DVec3, Vec3};
-use mesh_ingest::{Cut, Error, LeftOutReason, LightKind, LoadOptions, Soup};
+use mesh_ingest::{Cut, Error, LeftOutReason, LightKind, LoadOptions, Scene, Soup};
 use serde_json::json;
 
 use super::build::{Doc, UNIT, load_bytes, paths};
@@ -354,4 +356,50 @@ fn a_node_that_shares_its_mesh_is_cut_alone() {
         let meshes = loaded.document.json()["meshes"].as_array().map(Vec::len);
         assert_eq!(meshes, Some(1));
     }
+}
+
+/// A sheet whose sides are separate is cut on both: each becomes two primitives, of half the area.
+#[test]
+fn both_sides_of_a_split_sheet_are_cut() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let material = doc.push("materials", json!({"doubleSided": true}));
+    doc.json["meshes"][0]["primitives"][0]["material"] = json!(material);
+    let cut = Cut {
+        mesh: 0,
+        node: None,
+        primitive: 0,
+        triangle: 0,
+        normal: [1.0, 0.0, 0.0],
+        offset: 0.25,
+        ends: None,
+        meet: 0.0,
+    };
+    let with = |split: &[(usize, usize)], cuts| {
+        let options = LoadOptions {
+            split_sides: split.iter().copied().collect(),
+            cuts,
+            ..LoadOptions::default()
+        };
+        load_bytes(&doc.glb(), &options).unwrap().scene
+    };
+    let areas = |scene: &Scene| -> Vec<f32> {
+        let soup = Soup::build(scene);
+        let mut of_primitives = BTreeMap::new();
+        for (source, area) in soup.sources.iter().zip(&soup.areas) {
+            *of_primitives.entry(source.primitive).or_insert(0.0) += area;
+        }
+        of_primitives.into_values().collect()
+    };
+    let one_side = areas(&with(&[], vec![cut]));
+    let [both, whole] = [vec![cut], Vec::new()].map(|cuts| areas(&with(&[(0, 0)], cuts)));
+    assert_eq!([one_side.len(), both.len(), whole.len()], [2, 4, 2]);
+    let mut pairs = [one_side.clone(), one_side].concat();
+    let mut found = both;
+    for list in [&mut pairs, &mut found] {
+        list.sort_by(f32::total_cmp);
+    }
+    assert!(
+        (pairs.iter().zip(&found)).all(|(a, b)| (a - b).abs() < 1e-6),
+        "{found:?}"
+    );
 }
