@@ -215,42 +215,6 @@ fn a_strip_before_a_frame_has_no_light_from_beyond_it() {
     assert!(cut < 1e-3, "{cut}");
 }
 
-/// Two sheets that cross, as leaves of grass do; one shades half of the other.
-#[test]
-fn sheets_that_cross_share_no_lumel() {
-    let to_sun = Vec3::new(-0.4, 1.0, 0.3);
-    let mut b = GltfBuilder::new();
-    let leaf = b.material(&Material {
-        double_sided: true,
-        ..Material::diffuse("leaf", [0.0; 3])
-    });
-    for across in [Vec3::X, Vec3::Z] {
-        let sheet = grid(-across, across * 2.0, Vec3::Y * 2.0, [1, 1]);
-        let mesh = b.mesh("sheet", &[(&sheet, leaf)]);
-        b.node(Node::of_mesh("sheet", mesh));
-    }
-    let sun = b.light("sun", Light::Directional([LUX; 3]));
-    b.node(Node {
-        light: Some(sun),
-        rotation: look_along(-to_sun, Vec3::Y),
-        ..Node::default()
-    });
-    let glb = b.finish();
-    let lit = f64::from(LUX * to_sun.normalize().z);
-    let worst = |cut| {
-        let lookups = lookups(&glb, &settings(cut)).into_iter();
-        // The sun comes from −X and +Z, and over the top.
-        let near = lookups.filter(|(p, ..)| {
-            p.z.abs() < 1e-3 && (0.005..0.3).contains(&p.x.abs()) && (0.2..1.0).contains(&p.y)
-        });
-        let off = near.map(|(p, seen, _)| (seen / lit - f64::from(u8::from(p.x < 0.0))).abs());
-        off.fold(0.0, f64::max)
-    };
-    let [whole, cut] = [false, true].map(worst);
-    assert!(whole > 0.1, "{whole}");
-    assert!(cut < 1e-3, "{cut}");
-}
-
 /// Facets of a metre, bent by 1.5 to 12 degrees at their edges. Patches take them for one surface.
 #[test]
 fn a_shadow_on_rough_ground_is_sharp_on_each_facet() {

@@ -245,7 +245,12 @@ fn the_inside_of_a_double_sided_pillar_around_a_wall_gets_no_light_of_its_own() 
         light: Some(light),
         ..Node::default()
     });
-    let baked = bake(&b.finish(), &settings());
+    // Charts would end at the lamp's shadows.
+    let settings = Settings {
+        cut_charts: false,
+        ..settings()
+    };
+    let baked = bake(&b.finish(), &settings);
     let json = baked.loaded.document.json();
     for mesh in json["meshes"].as_array().expect("meshes") {
         let primitives = mesh["primitives"].as_array().map(Vec::len);

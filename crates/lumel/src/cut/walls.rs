@@ -20,15 +20,15 @@ const UPRIGHT: f32 = 0.7;
 /// Rays from each side of each pair of elements, which tell whether people can be there.
 const RAYS: u32 = 4;
 
-/// A ray that meets a surface beyond this many lumels, or nothing, crosses a place where people can
+/// A ray that meets a front beyond this many lumels, or nothing, crosses a place where people can
 /// be; the inside of a sofa and the gap behind a cupboard have none.
 pub(super) const ROOM: f32 = 3.0;
 
 /// The fraction of such rays from which a side counts …
 const SEEN: f32 = 0.25;
 
-/// … if this fraction meets something that reflects. The wall itself fills half of the view from
-/// beside it, but below a terrain there are black backs and the sky.
+/// … if this fraction meets the front of something. The wall itself fills half of the view from
+/// beside it, but below a terrain there are backs and the sky.
 const INSIDE: f32 = 0.25;
 
 /// A thin wall between two neighbouring elements.
@@ -55,8 +55,8 @@ pub(super) struct Found {
     rays: u32,
     /// Those that cross a place where people can be.
     open: u32,
-    /// Those that meet something that reflects.
-    surfaces: u32,
+    /// Those that meet the front of something.
+    fronts: u32,
     /// Those that do both.
     across: u32,
 }
@@ -65,13 +65,13 @@ impl Found {
     pub fn add(&mut self, other: &Found) {
         self.rays += other.rays;
         self.open += other.open;
-        self.surfaces += other.surfaces;
+        self.fronts += other.fronts;
         self.across += other.across;
     }
 
     /// Whether people can be there.
     pub fn is_seen(&self) -> bool {
-        self.share(self.open) >= SEEN && self.share(self.surfaces) >= INSIDE
+        self.share(self.open) >= SEEN && self.share(self.fronts) >= INSIDE
     }
 
     /// Whether it is seen from across a room, not just from outside of the level.
@@ -176,12 +176,12 @@ pub(super) fn look(world: &World, p: &SurfacePoint, seed: u32, room: f32) -> Fou
         let toward = cosine_hemisphere(p.normal, s[0], s[1]);
         match world.incoming(p.origin, toward).0 {
             Incoming::Escaped => found.open += 1,
-            Incoming::Surface(hit) => {
-                found.surfaces += 1;
+            Incoming::Surface(hit) if !hit.back => {
+                found.fronts += 1;
                 found.open += u32::from(hit.t > room);
                 found.across += u32::from(hit.t > room);
             }
-            Incoming::Black => {}
+            Incoming::Surface(_) | Incoming::Black => {}
         }
     }
     found
