@@ -314,6 +314,20 @@ fn lights_stand_where_their_nodes_do() {
     }
 }
 
+/// A cut of the first triangle at x = 0.25.
+fn at_a_quarter(node: Option<usize>) -> Cut {
+    Cut {
+        mesh: 0,
+        node,
+        primitive: 0,
+        triangle: 0,
+        normal: [1.0, 0.0, 0.0],
+        offset: 0.25,
+        ends: None,
+        meet: 0.0,
+    }
+}
+
 /// Of two nodes with one mesh, the second is cut: it gets a copy with two primitives.
 #[test]
 fn a_node_that_shares_its_mesh_is_cut_alone() {
@@ -321,16 +335,7 @@ fn a_node_that_shares_its_mesh_is_cut_alone() {
     let material = doc.push("materials", json!({}));
     doc.json["meshes"][0]["primitives"][0]["material"] = json!(material);
     let other = doc.root(json!({"mesh": 0, "translation": [5, 0, 0]}));
-    let cut = Cut {
-        mesh: 0,
-        node: Some(other),
-        primitive: 0,
-        triangle: 0,
-        normal: [1.0, 0.0, 0.0],
-        offset: 0.25,
-        ends: None,
-        meet: 0.0,
-    };
+    let cut = at_a_quarter(Some(other));
     let with = |cuts| LoadOptions {
         cuts,
         ..LoadOptions::default()
@@ -364,16 +369,7 @@ fn both_sides_of_a_split_sheet_are_cut() {
     let mut doc = Doc::with_triangles(&UNIT);
     let material = doc.push("materials", json!({"doubleSided": true}));
     doc.json["meshes"][0]["primitives"][0]["material"] = json!(material);
-    let cut = Cut {
-        mesh: 0,
-        node: None,
-        primitive: 0,
-        triangle: 0,
-        normal: [1.0, 0.0, 0.0],
-        offset: 0.25,
-        ends: None,
-        meet: 0.0,
-    };
+    let cut = at_a_quarter(None);
     let with = |split: &[(usize, usize)], cuts| {
         let options = LoadOptions {
             split_sides: split.iter().copied().collect(),
