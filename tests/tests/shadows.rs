@@ -1,4 +1,4 @@
-//! Edges of sharp shadows on flat surfaces: sharp at any density.
+//! Edges of shadows on flat surfaces are sharp at any density.
 
 use glam::{DVec2, Quat, Vec3};
 use lumel::{Bake, Quality, Settings};
@@ -58,8 +58,8 @@ fn boxes_on(ground: &Geometry, boxes: &[[Vec3; 2]], turn: f32, angle: f32) -> Ve
     b.finish()
 }
 
-/// The board of [`hanging`], turned, over a ground of 8 × 8 m, 2 m below a lamp: a point, or a cube with
-/// this edge, of the same power.
+/// The board of [`hanging`], turned, over a ground of 8 × 8 m, 2 m below a lamp: a point, or a cube
+/// with this edge, of the same power.
 fn under_a_lamp(edge: Option<f32>) -> Vec<u8> {
     const CANDELA: f32 = 30.0;
     let at = Vec3::Y * 3.0;

@@ -18,8 +18,8 @@ pub struct LoadOptions {
     /// ones, so that each side has its own lumels. Those with extensions or morph targets stay as
     /// they are.
     pub split_sides: BTreeSet<(usize, usize)>,
-    /// Cuts of flat surfaces, so that charts end there; made after `split_sides`. Meshes that
-    /// [`Document::can_cut`](crate::Document::can_cut) refuses stay as they are.
+    /// Cuts of flat surfaces, so that charts end there; made after `split_sides`, on both sides.
+    /// Meshes that [`Document::can_cut`](crate::Document::can_cut) refuses stay as they are.
     pub cuts: Vec<crate::Cut>,
     /// Limits beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of
     /// exhausting the machine.

@@ -1,4 +1,4 @@
-//! Edges of the sharp shadows that lights and lamps cast on flat surfaces.
+//! Edges of the sharp shadows that suns and lamps cast on flat surfaces.
 //!
 //! Where such an edge runs along the border of a chart, light is discontinuous there, and the
 //! border is what makes it sharp in the lightmap.
@@ -24,8 +24,8 @@ const GRAZING: f32 = 0.05;
 /// sides of its edge may differ then, even where most of the others are hidden.
 const SHARE: f32 = 0.03;
 
-/// A lamp looks at most this wide, radians. The shadows of wider ones are sharp only where something
-/// stands on a surface.
+/// A lamp looks at most this wide, radians. The shadows of wider ones are sharp only where
+/// something stands on a surface.
 const WIDEST: f32 = 0.15;
 
 /// Edges nearer to a lamp than this fraction of its height above a surface are cut off there: their
@@ -183,14 +183,14 @@ impl Ground {
         self.up.dot(p - self.on)
     }
 
-    /// Of the shadow of an edge with this direction: its unit normal in the plane, and by how much
-    /// penumbras are wider there than across the light. `None` if the light grazes the plane.
+    /// Of the shadow of an edge with this direction, if the light is in this direction from the
+    /// edge: its unit normal in the plane, and by how much penumbras are wider there than across
+    /// the light. `None` if the shadow grazes the plane.
     fn across(&self, edge: Vec3, toward: Vec3) -> Option<(Vec3, f32)> {
         let across = edge.cross(toward).normalize_or_zero();
         let level = across - self.up * across.dot(self.up);
         let length = level.length();
-        (self.up.dot(toward) >= GRAZING && length >= GRAZING)
-            .then(|| (level / length, 1.0 / length))
+        (length >= GRAZING).then(|| (level / length, 1.0 / length))
     }
 
     /// A point of it, as a receiver.
@@ -232,7 +232,8 @@ pub struct ShadowEdge {
 pub const SOFT: f32 = 2.0;
 
 impl SharpLights {
-    /// Those of the world's scene that shine without a cookie, and whose light or shadow is baked.
+    /// Those of the world's scene that shine without a cookie, and whose light or shadow is baked,
+    /// and its emissive bodies.
     pub fn new(world: &World) -> SharpLights {
         let mut lights = world.scene.lights.clone();
         let of_scene = lights.len();
@@ -287,7 +288,8 @@ impl SharpLights {
         let away = steps[0].normalize_or_zero();
         let ground = Ground { on, up: normal };
         self.around(on).iter().find_map(|(_, light)| {
-            let (_, wider) = ground.across(normal.cross(away), light.toward(on))?;
+            let toward = light.toward(on);
+            let (_, wider) = ground.across(normal.cross(away), toward)?;
             let parts = |[lit, shaded]: [Vec3; 2]| {
                 let Some((_, distance)) = self.blocker(world, light, on + shaded) else {
                     return false;
@@ -297,7 +299,10 @@ impl SharpLights {
                 penumbra <= soft && self.blocker(world, light, on + lit + beyond).is_none()
             };
             let [a, b] = steps;
-            [[a, b], [b, a]].into_iter().position(parts)
+            let mut sides = [[a, b], [b, a]].into_iter();
+            (normal.dot(toward) >= GRAZING)
+                .then(|| sides.position(parts))
+                .flatten()
         })
     }
 
@@ -633,6 +638,53 @@ mod tests {
         }
         assert!(edges_under(&of(0.0), [0.8, 1.2]).is_empty(), "both are lit");
         assert!(edges_under(&of(0.3), [0.3, 1.0]).is_empty(), "too wide");
+    }
+
+    #[test]
+    fn what_stands_higher_than_a_lamp_has_edges_from_all_corners() {
+        // A wall at x = 1, 9 m high, ends at y = 0.2; the lamp is before it, 4 m high.
+        for turned in [false, true] {
+            let mut scene = Scene::default();
+            let grey = || material(0.5, Vec3::ZERO);
+            let corner = Vec3::new(-9.0, -9.0, 0.0);
+            add_quad(&mut scene, grey(), corner, Vec3::X * 18.0, Vec3::Y * 18.0);
+            let (foot, up) = (Vec3::new(1.0, -0.8, 0.0), Vec3::Z * 9.0);
+            let (from, up) = if turned { (foot + up, -up) } else { (foot, up) };
+            add_quad(&mut scene, grey(), from, up, Vec3::Y);
+            let kind = LightKind::Point {
+                position: Vec3::new(0.0, 0.0, 4.0),
+                range: None,
+                radius: 0.0,
+            };
+            scene.lights.push(light(1.0, kind));
+            let soup = Soup::build(&scene);
+            let world = World::build(&scene, &soup, WorldOptions::default()).expect("a tree");
+            let lights = SharpLights::new(&world);
+            let ground = Ground {
+                on: Vec3::ZERO,
+                up: Vec3::Z,
+            };
+            // Of the upright edge at y = 0.2, the shadow leaves the lamp's foot along (1, 0.2).
+            let on_edge = |o: &Outline| {
+                let (at, way) = (
+                    Vec3::new(3.0, 0.6, 0.0),
+                    Vec3::new(1.0, 0.2, 0.0).normalize(),
+                );
+                way.cross(o.normal).length() > 0.999 && o.normal.dot(at - o.ends[0]).abs() < 1e-3
+            };
+            let all = (0..soup.triangles.len() as u32).flat_map(|triangle| {
+                lights.outlines(&world, Caster { light: 0, triangle }, &ground)
+            });
+            let edges = all.filter(on_edge).filter_map(|o| {
+                lights.edge(
+                    &world,
+                    (&o, Vec3::new(3.0, 0.6, 0.0)),
+                    &ground,
+                    [1e-3, 0.01, 0.2],
+                )
+            });
+            assert_eq!(edges.count(), 1, "turned {turned}");
+        }
     }
 
     #[test]

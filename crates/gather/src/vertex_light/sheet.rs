@@ -276,8 +276,8 @@ impl Sheet {
     }
 }
 
-/// Whether a light shines on one side of a vertex only. Of either side, its normal and the way to its
-/// middle.
+/// Whether a light shines on one side of a vertex only. Of either side, its normal and the way to
+/// its middle.
 fn is_shadow_edge(
     (world, lights): (&World, &SharpLights),
     at: Vec3,

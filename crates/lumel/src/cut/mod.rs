@@ -438,8 +438,11 @@ pub(crate) fn wanted(
 ) -> Vec<Cut> {
     let lumels = lumel_sizes(loaded, report);
     let may_cut = lumels.iter().any(Option::is_some);
-    let has_lines = solution.cut.has_walls() || !SharpLights::new(world).is_empty();
-    if !(may_cut && has_lines) {
+    if !may_cut {
+        return Vec::new();
+    }
+    let lights = SharpLights::new(world);
+    if !solution.cut.has_walls() && lights.is_empty() {
         return Vec::new();
     }
     let level = Level::new(world, solution, lumels);
@@ -451,7 +454,7 @@ pub(crate) fn wanted(
             lines.entry(surface).or_default().enter_wall(&wall);
         }
     }
-    for edge in shadows::find(&level, &ends, &light) {
+    for edge in shadows::find(&level, &lights, &ends, &light) {
         if let Some(surface) = level.surfaces.of(edge.on.triangle) {
             let up = world.soup.normals[edge.on.triangle as usize];
             lines.entry(surface).or_default().enter_shadow(&edge, up);

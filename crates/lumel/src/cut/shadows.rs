@@ -64,22 +64,21 @@ type Cast = (u32, bool, Caster);
 type Known = BTreeSet<(u32, bool, [[u32; 3]; 2])>;
 
 /// All of them.
-pub(super) fn find(level: &Level, ends: &Ends, light: &Light) -> Vec<Edge> {
-    let lights = SharpLights::new(level.world);
+pub(super) fn find(level: &Level, lights: &SharpLights, ends: &Ends, light: &Light) -> Vec<Edge> {
     if lights.is_empty() {
         return Vec::new();
     }
     let surfaces = surfaces(level);
     let mut edges = Vec::new();
-    let mut next = casts(level, &lights, ends);
+    let mut next = casts(level, lights, ends);
     let (mut looked_at, mut known) = (BTreeSet::new(), Known::new());
     while !next.is_empty() {
         looked_at.extend(next.keys().copied());
-        let outlines = outlines(level, &lights, &next, &mut known);
+        let outlines = outlines(level, lights, &next, &mut known);
         let found: Vec<(Cast, Outline, Vec<Edge>)> = (outlines.into_par_iter())
             .map(|(cast, on, outline)| {
                 let surface = &surfaces[cast.0 as usize];
-                let found = along(level, (&lights, light), &on, &outline, surface);
+                let found = along(level, (lights, light), &on, &outline, surface);
                 (cast, outline, found)
             })
             .filter(|(.., found)| !found.is_empty())
@@ -105,7 +104,7 @@ pub(super) fn find(level: &Level, ends: &Ends, light: &Light) -> Vec<Edge> {
 }
 
 /// Those points of an edge where light and shade differ, with how much.
-fn stark(
+fn where_light_differs(
     level: &Level,
     light: &Light,
     on: &Shaded,
@@ -271,7 +270,7 @@ fn along(
         .map(|(normal, points)| Edge {
             ends,
             normal,
-            points: stark(level, light, on, &points),
+            points: where_light_differs(level, light, on, &points),
             step: length / count as f32,
             on: *on,
         })
