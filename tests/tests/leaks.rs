@@ -541,3 +541,40 @@ fn the_inside_of_a_post_blackens_nothing_around_it() {
         assert!(dark > 0 && around > 200, "{shift}: {dark}, {around}");
     }
 }
+
+#[test]
+fn night_outside_of_a_room_draws_no_line_along_its_walls() {
+    // A room of 2 m with skins on both sides of its walls, 2 mm apart, and a lamp; its floor goes on
+    // outside, where it is night. Lumels are 12.5 cm wide; the walls leave any part of them outside.
+    for rim in [0.03f32, 0.06, 0.09, 0.12] {
+        let out = 1.0 + rim;
+        let floor = quad([
+            Vec3::new(-out, 0.0, -out),
+            Vec3::new(-out, 0.0, out),
+            Vec3::new(out, 0.0, out),
+            Vec3::new(out, 0.0, -out),
+        ]);
+        let shell = |half: f32| {
+            let high = Vec3::new(half, 2.0, half);
+            let [left, right, _, top, back, front] = box_faces(-high.with_y(0.0), high, 1);
+            Geometry::union(&[left, right, top, back, front])
+        };
+        let (inner, outer) = (shell(1.0).flipped(), shell(1.002));
+        let glb = lit(
+            &[("floor", &floor), ("inner", &inner), ("outer", &outer)],
+            0.5,
+            &[(Light::Point([1.0; 3]), Vec3::Y)],
+        );
+        let (mut inside, mut cut) = (0, 0);
+        for l in lumels_of(&crate::common::bake(&glb, &at(8.0)), "floor") {
+            let within = |p: &DVec3| p.x.abs().max(p.z.abs()) < 0.99;
+            if l.points.iter().any(within) {
+                inside += 1;
+                cut += u32::from(!l.points.iter().all(within));
+                // In the corners, the lamp alone brings 1 / (1 + 2)^1.5.
+                assert!(l.red() > 0.19, "{rim}: {} at {}", l.red(), l.points[0]);
+            }
+        }
+        assert!(inside > 200 && cut > 0, "{rim}: {cut} of {inside}");
+    }
+}

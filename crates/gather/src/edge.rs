@@ -211,7 +211,9 @@ impl Gatherer<'_, '_> {
             // The hollow of a wall that is open at its foot: dark, with backs around. Beside a lit
             // part it would be a black line along the corner of a room.
             let hollow = all.walled && unlit && some_lit && dark[k][1] >= BEHIND;
-            hidden[k] = lost || hollow || Point::shut(all.of(k), unlit);
+            // The rim of a floor outside of the room's walls, where it is night.
+            let night = unlit && some_lit && some_in_a_room && around[k] != Around::Room;
+            hidden[k] = lost || hollow || night || Point::shut(all.of(k), unlit);
             if !hidden[k] {
                 seen.push(one);
             }
