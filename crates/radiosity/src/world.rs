@@ -168,11 +168,6 @@ impl<'a> World<'a> {
         &self.bvh
     }
 
-    /// Whether the triangle's normals describe a curved surface, on which it then receives light.
-    pub fn is_curved(&self, triangle: u32) -> bool {
-        self.curved.is(triangle)
-    }
-
     /// Whether both sides of the triangle reflect and emit light.
     #[inline]
     pub fn two_sided(&self, triangle: u32) -> bool {

@@ -57,7 +57,7 @@ impl<'p> Parted<'p> {
 /// Whether charts may end at the edges of shadows between two pieces: in one surface of facets.
 pub(super) fn may_part(world: &World, pieces: [&Piece; 2], same_facing: f32) -> bool {
     let [n, m] = pieces.map(|p| world.soup.normals[p.triangle as usize]);
-    n.dot(m) >= same_facing && pieces.iter().all(|p| !world.is_curved(p.triangle))
+    n.dot(m) >= same_facing
 }
 
 /// Which of two pieces is lit, if a shadow ends between them.

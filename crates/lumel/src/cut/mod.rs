@@ -214,11 +214,10 @@ impl<'l> Level<'l> {
         }
     }
 
-    /// Edge of the lumels of a triangle's surface, metres, unless its charts cannot be cut. On a
-    /// curved surface a line bends, and would be cut on some facets only.
+    /// Edge of the lumels of a triangle's surface, metres, unless its charts cannot be cut.
     fn lumel_of(&self, triangle: u32) -> Option<f32> {
         let instance = self.world.soup.sources[triangle as usize].instance;
-        self.lumels[instance as usize].filter(|_| !self.world.is_curved(triangle))
+        self.lumels[instance as usize]
     }
 
     /// Relative difference of the light of two elements, if it counts.
