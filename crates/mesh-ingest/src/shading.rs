@@ -47,9 +47,8 @@ impl Lookup<'_> {
         {
             None => Vec2::ZERO,
             Some(set) => {
-                let [a, b, c] = self.vertices.map(|i| set[i]);
-                let w = Self::weights(u, v);
-                a * w.x + b * w.y + c * w.z
+                let ([a, b, c], w) = (self.vertices, Self::weights(u, v));
+                set[a] * w.x + set[b] * w.y + set[c] * w.z
             }
         }
     }

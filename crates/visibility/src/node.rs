@@ -123,8 +123,8 @@ impl Pack {
 
     /// Corners of the triangle in `lane`.
     pub fn triangle(&self, lane: usize) -> [Vec3; 3] {
-        [0, 1, 2].map(|corner: usize| {
-            Vec3::from_array([0, 1, 2].map(|axis: usize| self.corners[axis][corner][lane]))
-        })
+        let [x, y, z] = &self.corners;
+        let corner = |k: usize| Vec3::new(x[k][lane], y[k][lane], z[k][lane]);
+        [corner(0), corner(1), corner(2)]
     }
 }

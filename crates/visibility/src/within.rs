@@ -4,10 +4,10 @@ use glam::Vec3;
 use smallvec::{SmallVec, smallvec};
 
 use crate::bvh::Bvh;
-use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
+use crate::node::{Child, FILTERED, PACK, Pack, WIDTH};
 
 impl Bvh {
-    /// Whether `found` returns true for any of the triangles whose tree boxes overlap the box from
+    /// Whether `found` returns true for any of the triangles whose own boxes overlap the box from
     /// `low` to `high`: all that touch it, and some nearby. `found` receives a triangle's index and
     /// corners. Stops at the first match; the order depends on the tree.
     pub fn any_near(
@@ -23,9 +23,9 @@ impl Bvh {
         while let Some(child) = stack.pop() {
             if child.is_leaf() {
                 for pack in &self.packs[child.packs()] {
+                    let touched = touched(pack, low, high);
                     for (lane, &id) in pack.ids.iter().enumerate() {
-                        let index = id & !FILTERED;
-                        if index != NO_TRIANGLE && found(index, pack.triangle(lane)) {
+                        if touched[lane] && found(id & !FILTERED, pack.triangle(lane)) {
                             return true;
                         }
                     }
@@ -49,6 +49,20 @@ impl Bvh {
         }
         false
     }
+}
+
+/// Which triangles' boxes overlap a box; all four at a time. Unused lanes are NaN and overlap
+/// nothing.
+fn touched(pack: &Pack, low: Vec3, high: Vec3) -> [bool; PACK] {
+    let mut touched = [true; PACK];
+    for (axis, [a, b, c]) in pack.corners.iter().enumerate() {
+        for lane in 0..PACK {
+            let lo = a[lane].min(b[lane]).min(c[lane]);
+            let hi = a[lane].max(b[lane]).max(c[lane]);
+            touched[lane] &= (lo <= high[axis]) & (hi >= low[axis]);
+        }
+    }
+    touched
 }
 
 #[cfg(test)]

@@ -31,8 +31,9 @@ pub(crate) fn decide_range(
     let origin = Vec3::from_array(ray.origin).as_dvec3();
     let direction = Vec3::from_array(ray.direction).as_dvec3();
     // Differences of f32 values of similar size are exact in f64.
-    let corners = pack.triangle(lane).map(|p| p.as_dvec3() - origin);
-    let [a, b, c] = corners;
+    let [a, b, c] = pack.triangle(lane);
+    let from_origin = |p: Vec3| p.as_dvec3() - origin;
+    let [a, b, c] = [from_origin(a), from_origin(b), from_origin(c)];
     let normal = (b - a).cross(c - a);
     let slope = normal.dot(direction);
     let t_min = f64::from(ray.t_min);
@@ -43,11 +44,11 @@ pub(crate) fn decide_range(
         if t > t_min {
             // Clamped to the corners' range, which the boxes above contain: the tree's shape must
             // not matter.
-            let z = s.z.map(|c| c[lane]);
-            let low = z[0].min(z[1]).min(z[2]);
-            let high = z[0].max(z[1]).max(z[2]);
+            let [x, y, z] = &s.z;
+            let low = x[lane].min(y[lane]).min(z[lane]);
+            let high = x[lane].max(y[lane]).max(z[lane]);
             lanes.t[lane] = (t as f32).clamp(low, high);
-        } else if is_near(&corners, normal, direction * t_min) {
+        } else if is_near(&[a, b, c], normal, direction * t_min) {
             return false;
         }
     }
