@@ -53,6 +53,8 @@ pub(crate) struct Solids {
     normals: Vec<Vec3>,
     /// By body: whether its interior is meant to be seen.
     inhabited: Vec<bool>,
+    /// Diagonals of the boxes around the others: most points are in none of them, and need no ray.
+    boxes: Bvh,
 }
 
 /// A connected piece of an instance.
@@ -110,6 +112,18 @@ impl Solids {
                 solids.inhabited[*body as usize] = true;
             }
         }
+        let mut corners = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); solids.inhabited.len()];
+        for (piece, body) in kept.iter().zip(bodies) {
+            let (low, high) = &mut corners[body as usize];
+            for corner in piece.triangles.iter().flatten() {
+                (*low, *high) = (low.min(*corner), high.max(*corner));
+            }
+        }
+        let diagonals: Vec<[Vec3; 3]> = (corners.iter().zip(&solids.inhabited))
+            .filter(|((low, _), inhabited)| !**inhabited && low.is_finite())
+            .map(|(&(low, high), _)| [low, high, high])
+            .collect();
+        solids.boxes = Bvh::build(&diagonals, |_| false, tree)?;
         Ok(solids)
     }
 
@@ -125,6 +139,7 @@ impl Solids {
             normals: normals.collect(),
             tree: Bvh::build(&triangles, |_| true, tree)?,
             inhabited: vec![false; bodies.iter().map(|b| b + 1).max().unwrap_or(0) as usize],
+            boxes: Bvh::build(&[], |_| false, tree)?,
             faces,
         })
     }
@@ -163,14 +178,12 @@ impl Solids {
     /// Whether a point is inside a body. `up` is a unit vector away from the surface that the point
     /// is on.
     pub(crate) fn hide(&self, point: Vec3, up: Vec3) -> bool {
-        let Some((low, high)) = self.tree.bounds() else {
+        let Some(room) = self.boxes_around(point) else {
             return false;
         };
-        if point.cmplt(low).any() || point.cmpgt(high).any() {
-            return false;
-        }
         let inside = |d: &[f32; 2]| {
-            let found = self.crossings(point, cosine_hemisphere(up, d[0], d[1]));
+            let direction = cosine_hemisphere(up, d[0], d[1]);
+            let found = self.crossings(point, direction, way_out(point, direction, room));
             (found.iter()).any(|&(body, n)| n > 0 && !self.inhabited[body as usize])
         };
         let [a, b, c] = &DIRECTIONS;
@@ -178,9 +191,23 @@ impl Solids {
         if inside(b) == first { first } else { inside(c) }
     }
 
+    /// The box around all boxes of bodies that a point is in.
+    fn boxes_around(&self, point: Vec3) -> Option<(Vec3, Vec3)> {
+        let mut around: Option<(Vec3, Vec3)> = None;
+        self.boxes.any_near(point, point, |_, [low, high, _]| {
+            if low.cmple(point).all() && high.cmpge(point).all() {
+                let (from, to) = around.unwrap_or((low, high));
+                around = Some((from.min(low), to.max(high)));
+            }
+            false
+        });
+        around
+    }
+
     /// The bodies around a point, in ascending order.
     fn around(&self, point: Vec3, up: Vec3) -> Vec<u32> {
-        let found = DIRECTIONS.map(|d| self.crossings(point, cosine_hemisphere(up, d[0], d[1])));
+        let found = DIRECTIONS
+            .map(|d| self.crossings(point, cosine_hemisphere(up, d[0], d[1]), f32::INFINITY));
         let mut out: Vec<u32> = found[0].iter().chain(&found[1]).map(|f| f.0).collect();
         out.sort_unstable();
         out.dedup();
@@ -189,8 +216,9 @@ impl Solids {
         out
     }
 
-    /// For each body that a ray hits, the number of exits minus the number of entries.
-    fn crossings(&self, origin: Vec3, direction: Vec3) -> Vec<(u32, i32)> {
+    /// For each body that a ray of this length hits, the number of exits minus the number of
+    /// entries.
+    fn crossings(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Vec<(u32, i32)> {
         let count = Crossings {
             solids: self,
             found: RefCell::default(),
@@ -199,11 +227,19 @@ impl Solids {
             origin,
             direction,
             t_min: 0.0,
-            t_max: f32::INFINITY,
+            t_max,
         };
         self.tree.occluded(&ray, &count);
         count.found.into_inner()
     }
+}
+
+/// Distance along a unit direction at which a ray has left the box that its origin is in, with all
+/// surfaces on the box's sides.
+fn way_out(origin: Vec3, direction: Vec3, (low, high): (Vec3, Vec3)) -> f32 {
+    let ahead = Vec3::select(direction.cmpgt(Vec3::ZERO), high - origin, origin - low);
+    let slack = 1e-3 * (high - low).max_element();
+    (ahead / direction.abs().max(Vec3::splat(1e-30))).min_element() + slack
 }
 
 /// Counts the surfaces that a ray crosses, and lets it pass.
