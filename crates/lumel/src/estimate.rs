@@ -152,7 +152,8 @@ pub fn estimate(
             .len()
     };
     let more = patches(&solve.cut) as f64 / patches(&trial.cut).max(1) as f64;
-    let links = f64::from(tried.subdivision.patches) * more * f64::from(solve.rays);
+    let per_ray = tried.link_rays as f64 / f64::from(tried.rays_per_patch.max(1));
+    let links = per_ray * more * f64::from(solve.rays);
     let solving = links + tried.shadow_rays as f64 * more;
     // Processing a ray takes longer than casting it, and costs the same in the trial.
     let solve_seconds = trying * solving / ((tried.link_rays + tried.shadow_rays) as f64).max(1.0);

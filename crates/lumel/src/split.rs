@@ -29,7 +29,7 @@ const INSIDE_IN_THE_DARK: f32 = 0.75;
 /// Irradiance below this fraction of the scene's mean counts as unlit.
 const UNLIT: f32 = 0.01;
 
-/// Rays from each patch.
+/// Most rays from each patch: one from every second of its elements.
 const RAYS: u32 = 8;
 
 /// What is closer than this fraction of the sheet's size touches it: nobody looks between a picture
@@ -191,11 +191,12 @@ pub(crate) fn note(
     })
 }
 
-/// Adds what [`RAYS`] from the elements of a patch, in turn, hit.
+/// Adds what rays from the elements of a patch hit, at most [`RAYS`].
 fn cast(world: &World, solution: &Solution, patch: &SidePatch, touching: f32, rays: &mut Rays) {
     let elements = &solution.cut.elements()[patch.elements.clone()];
-    let area = patch.area / RAYS as f32;
-    for (k, e) in (0..RAYS).zip(elements.iter().cycle()) {
+    let count = (elements.len() as u32 / 2).clamp(1, RAYS);
+    let area = patch.area / count as f32;
+    for (k, e) in (0..count).zip(elements.iter().step_by(2)) {
         let s = sample_4d(k, 0, patch.elements.start as u32);
         let p = world.inset_point(e.triangle, e.u, e.v, patch.back, false);
         let toward = cosine_hemisphere(p.normal, s[0], s[1]);

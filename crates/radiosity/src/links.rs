@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use glam::{DVec3, Vec3};
-use patch_subdivision::{Element, PatchId, Subdivision};
+use patch_subdivision::{Element, Patch, PatchId, Subdivision};
 use rayon::prelude::*;
 
 use crate::monitor::{Cancelled, Monitor, Phase};
@@ -26,7 +26,8 @@ pub(crate) const NOWHERE: u32 = u32::MAX - 2;
 /// creates nor loses energy, which the closed-form furnace test verifies.
 pub(crate) struct Links {
     pub patches: usize,
-    /// Rays per patch, as planned; some patches may get [`TIMES`] as many.
+    /// Rays per patch, as planned; some patches may get [`TIMES`] as many, and those of
+    /// [`rays_of_patch`] fewer.
     planned: u32,
     /// The rays of patch *i* are `starts[i]..starts[i + 1]`.
     starts: Vec<usize>,
@@ -68,12 +69,6 @@ impl Links {
             source: vec![Vec3::ZERO; patches],
             sky: vec![Vec3::ZERO; patches],
         }
-    }
-
-    /// Number of rays of the patch that has fewest.
-    pub(crate) fn fewest(&self) -> u32 {
-        let rays = (0..self.patches).map(|p| self.rays_of(p).len());
-        rays.min().unwrap_or(0) as u32
     }
 
     /// Number of rays of all patches.
@@ -280,6 +275,18 @@ fn rows_of<'l>(
 /// Patches whose light is reflected often get this many times the rays of others.
 pub(crate) const TIMES: u32 = 4;
 
+/// Parts of a crowded patch cast this fraction of a patch's rays. Sixteen of them share what they
+/// find, and still cast four times a patch's rays.
+const PART: u32 = 4;
+
+/// Rays of a patch, given those of an ordinary one.
+pub(crate) fn rays_of_patch(patch: &Patch, rays: u32) -> u32 {
+    match patch.fine {
+        true => (rays / PART).max(1),
+        false => rays,
+    }
+}
+
 /// Most patches whose rays are blocks of one sequence.
 const TOGETHER: u32 = 256;
 
@@ -330,6 +337,7 @@ struct RowSequence {
 
 impl RowSequence {
     fn of(cut: &Subdivision, patch: PatchId, planned: u32) -> Self {
+        let planned = rays_of_patch(&cut.patches()[patch.0 as usize], planned);
         RowSequence {
             planned,
             first: Sequence::new(0, cut, patch, planned),

@@ -11,7 +11,7 @@ use crate::audit::audit;
 use crate::direct::{DirectLight, DirectOptions, DirectParts, Known};
 use crate::emitters::Emitters;
 use crate::first_bounce::{FirstBounce, LitScene};
-use crate::links::{Links, TIMES};
+use crate::links::{Links, TIMES, rays_of_patch};
 use crate::monitor::{Cancelled, Monitor, Phase, Silent};
 use crate::openings::Openings;
 use crate::relax::{RelaxOptions, RelaxReport, System};
@@ -132,7 +132,6 @@ pub fn solve(
             .collect(),
     };
     let openings = Openings::find(world, &cut, &links);
-    report.rays_per_patch = links.fewest().min(rays);
     report.link_rays = links.count() as u64;
     report.bytes = links.bytes()
         + openings.bytes()
@@ -227,12 +226,13 @@ impl Bounces<'_> {
             let last = rays == self.most;
             let wanted = |p: usize| match often.get(p) {
                 Some(true) if last => TIMES * rays,
-                _ => rays,
+                _ => rays_of_patch(&self.cut.patches()[p], rays),
             };
             if let Err(Cancelled) = links.extend(self.world, self.cut, wanted, monitor) {
                 report.cancelled = true;
                 break;
             }
+            report.rays_per_patch = rays;
             report.relaxation = self.pass(&links, rays, &mut of_groups, report, monitor);
             report.cancelled = monitor.cancelled();
             if last {
