@@ -60,12 +60,13 @@ pub struct GroupLight {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Afar {
     direct: Vec3,
-    triangle: u32,
+    /// [`World::pattern`] of the triangle of its point.
+    pattern: u32,
     /// Interpolated to the centre of its cell.
     indirect: Vec3,
     /// Position of that centre on the region's grid.
     q: [f32; 2],
-    /// Mean reflectance around its point, if that is on the same triangle.
+    /// Mean reflectance around its point, of triangles with this pattern.
     reflectance: Vec3,
 }
 
@@ -92,7 +93,7 @@ impl Afar {
                 let light = taps.map(|(taps, n)| interpolated(indirect, &taps[..n]));
                 let afar = Afar {
                     direct: direct[e],
-                    triangle,
+                    pattern: world.pattern(triangle),
                     indirect: light.unwrap_or_default(),
                     q,
                     reflectance: world.even_reflectance(triangle).unwrap_or(reflectance[e]),
@@ -171,7 +172,8 @@ pub struct SolveReport {
     pub emitters: usize,
     /// Patches whose direct light is computed again at each hit.
     pub rough_patches: u64,
-    /// Rays cast from each patch.
+    /// Rays cast from each patch; those with much nearby, which are divided, cast a quarter from each
+    /// part.
     pub rays_per_patch: u32,
     /// Total number of rays between patches, including those of hidden patches, which are not cast.
     pub link_rays: u64,
@@ -239,7 +241,7 @@ impl Solution {
         let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
         if let Some(afar) = self.afar(at, of) {
             let kept = of.kept(afar.direct);
-            let reflectance = match afar.triangle == hit.triangle {
+            let reflectance = match afar.pattern == world.pattern(hit.triangle) {
                 true => afar.reflectance,
                 false => world.reflectance(hit.triangle, hit.u, hit.v),
             };
@@ -317,7 +319,7 @@ impl Solution {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             lights.sample_on(&self.cut, at.patch, &point, seed)
         });
-        let (q, reflectance) = self.seen(hit, p, at, of);
+        let (q, reflectance) = self.seen(world, hit, p, at, of);
         let reflectance =
             reflectance.unwrap_or_else(|| world.reflectance(hit.triangle, hit.u, hit.v));
         let Some((taps, count)) = self.cut.taps_at(q, at) else {
@@ -340,9 +342,18 @@ impl Solution {
     /// Grid position at which indirect light is read for a hit, and the element's reflectance if
     /// that is used.
     #[inline]
-    fn seen(&self, hit: &Hit, p: Vec3, at: Locus, of: Reflected) -> ([f32; 2], Option<Vec3>) {
+    fn seen(
+        &self,
+        world: &World,
+        hit: &Hit,
+        p: Vec3,
+        at: Locus,
+        of: Reflected,
+    ) -> ([f32; 2], Option<Vec3>) {
         match self.afar(at, of) {
-            Some(afar) if afar.triangle == hit.triangle => (afar.q, Some(afar.reflectance)),
+            Some(afar) if afar.pattern == world.pattern(hit.triangle) => {
+                (afar.q, Some(afar.reflectance))
+            }
             Some(afar) => (afar.q, None),
             None => (self.cut.project(hit.triangle, p), None),
         }

@@ -101,6 +101,8 @@ pub struct World<'a> {
     pub(crate) backed: Vec<bool>,
     /// Reflectance of materials with a uniform one, so that rays need not look up their triangles.
     even: Vec<Option<Vec3>>,
+    /// Whether triangles of one material may differ in more than a texture.
+    differ: bool,
     /// Whether any surface transmits light.
     open: bool,
     /// Whether any surface colours or dims the light that it transmits.
@@ -152,6 +154,7 @@ impl<'a> World<'a> {
             bright,
             groups: options.groups,
             even: even_reflectances(scene, &options.bounce),
+            differ: triangles_differ(scene),
             bounce: options.bounce,
             roles: None,
             open: (scene.materials.iter()).any(|m| m.lets_light_through()),
@@ -631,6 +634,15 @@ impl<'a> World<'a> {
         self.even[material as usize]
     }
 
+    /// The same for triangles whose reflectance is the same on average: those of a material.
+    #[inline]
+    pub(crate) fn pattern(&self, triangle: u32) -> u32 {
+        match self.soup.materials.get(triangle as usize) {
+            Some(&material) if !self.differ => material,
+            _ => !triangle,
+        }
+    }
+
     /// The sky including the part that [`DirectLight`](crate::DirectLight) samples.
     pub fn whole_sky(&self) -> Sky {
         let mut sky = self.sky.clone();
@@ -723,12 +735,17 @@ impl HitFilter for Opaque {
     }
 }
 
-/// Reflectance by material, for materials without a texture. `None` if vertices have colours or
-/// instances only occlude, because triangles of the same material may then differ.
-fn even_reflectances(scene: &Scene, bounce: &Bounce) -> Vec<Option<Vec3>> {
+/// Whether triangles of one material may differ in more than a texture, because vertices have
+/// colours or instances only occlude.
+fn triangles_differ(scene: &Scene) -> bool {
     let mut primitives = scene.meshes.iter().flat_map(|m| &m.primitives);
-    let differ =
-        primitives.any(|p| !p.colors.is_empty()) || scene.instances.iter().any(|i| i.occluder);
+    primitives.any(|p| !p.colors.is_empty()) || scene.instances.iter().any(|i| i.occluder)
+}
+
+/// Reflectance by material, for materials without a texture. `None` if
+/// [`triangles_differ`].
+fn even_reflectances(scene: &Scene, bounce: &Bounce) -> Vec<Option<Vec3>> {
+    let differ = triangles_differ(scene);
     (scene.materials.iter())
         .map(|m| match m.base_texture {
             None if !differ && m.occluder_only => Some(Vec3::ZERO),
