@@ -147,13 +147,6 @@ impl Gatherer<'_, '_> {
         let points = spread(footprint, count);
         let parts =
             (self.options.open_only).then(|| Parts::find(world, &points, footprint.reach()));
-        let part: Vec<Option<usize>> = (points.iter())
-            .map(|p| match &parts {
-                None => Some(0),
-                Some(_) if world.out_of_sight(p, GAP * footprint.reach()) => None,
-                Some(parts) => Some(parts.of(world, p)),
-            })
-            .collect();
         // Plus one part for slivers and one for what nobody sees.
         let number = parts.as_ref().map_or(1, |p| p.count + 1);
         let mut planes: Vec<PlaneSums> =
@@ -162,8 +155,17 @@ impl Gatherer<'_, '_> {
             rays: EDGE_RAYS,
             ..self.sampling(footprint, seed)
         };
-        let sampled = self.sample(&points, sampling, |k, of_point| {
-            planes[part[k].unwrap_or(number)].take(of_point);
+        let gap = GAP * footprint.reach();
+        let mut part: Vec<Option<usize>> = Vec::with_capacity(count);
+        let sampled = self.sample(&points, sampling, |k, sum, of_point| {
+            let p = &points[k];
+            let own = match &parts {
+                None => Some(0),
+                Some(_) if sum.may_be_buried() && world.out_of_sight(p, gap) => None,
+                Some(parts) => Some(parts.of(world, p)),
+            };
+            planes[own.unwrap_or(number)].take(of_point);
+            part.push(own);
         });
         let sorted = Sorted {
             footprint,
@@ -262,8 +264,8 @@ impl Gatherer<'_, '_> {
                 let s = sample_4d(i, 0, seed ^ 0x9e37_79b9);
                 let toward = cosine_hemisphere(p.normal, s[0], s[1]);
                 let black = || matches!(world.incoming(p.origin, toward).0, Incoming::Black);
-                (p.geometric.dot(toward) <= 0.0 || !black())
-                    && !world.out_of_sight(&p, GAP * footprint.reach())
+                !world.out_of_sight(&p, GAP * footprint.reach())
+                    && (p.geometric.dot(toward) <= 0.0 || !black())
             })
         })
     }

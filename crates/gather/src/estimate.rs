@@ -104,6 +104,12 @@ impl Point {
         l
     }
 
+    /// Whether the point may be inside a body or right under something: all rays of one that is
+    /// meet backs or something near.
+    pub(crate) fn may_be_buried(&self) -> bool {
+        self.near || self.backs > 0
+    }
+
     pub(crate) fn inside(&self) -> bool {
         (self.black + self.unlit) as f32 >= INSIDE * self.rays as f32
     }

@@ -46,15 +46,22 @@ impl Gatherer<'_, '_> {
         }
         let points = spread(footprint, self.points());
         let count = points.len();
+        let gap = GAP * footprint.reach();
+        if options.open_only
+            && options.edge_points > 0
+            && points.iter().all(|p| world.out_of_sight(p, gap))
+            && !self.anything_open(footprint, seed)
+        {
+            return self.nothing_seen(footprint, &points);
+        }
         let mut planes = PlaneSums::new(self.wanted);
-        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, of_point| {
+        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, _, of_point| {
             planes.take(of_point);
         });
         let (sums, mut rays) = (sampled.sums, sampled.rays);
         // Inside a wall or under a carpet, light is irrelevant, whatever the rays find.
-        let covered = options.open_only && sums.iter().any(|s| s.near || s.backs > 0);
-        let buried: Vec<bool> = (points.iter())
-            .map(|p| covered && world.out_of_sight(p, GAP * footprint.reach()))
+        let buried: Vec<bool> = (points.iter().zip(&sums))
+            .map(|(p, s)| options.open_only && s.may_be_buried() && world.out_of_sight(p, gap))
             .collect();
         // Together points know more than the few rays of each.
         let inside = Point::inside_together(sums.iter());
@@ -105,6 +112,19 @@ impl Gatherer<'_, '_> {
             n => n as f32 / count as f32,
         };
         out
+    }
+
+    /// A footprint that nobody sees: in a body, or under a cover. Neighbours lend it their light.
+    fn nothing_seen(&self, footprint: &impl Footprint, points: &[SurfacePoint]) -> Received {
+        let place = Place::of(points);
+        Received {
+            position: place.position,
+            normal: place.normal,
+            size: footprint.size(),
+            near: true,
+            planes: vec![Plane::default(); self.wanted.planes()].into(),
+            ..Received::default()
+        }
     }
 
     /// Whether the first points of a footprint show that an edge crosses it. `in_the_open` is
@@ -237,7 +257,7 @@ impl Gatherer<'_, '_> {
             ..self.sampling(footprint, seed)
         };
         let mut planes = PlaneSums::new(self.wanted);
-        let sampled = self.sample(&points[before..], sampling, |_, of_point| {
+        let sampled = self.sample(&points[before..], sampling, |_, _, of_point| {
             planes.take(of_point);
         });
         let more = mean_and_spread(&sampled.sums, &vec![true; sampled.sums.len()]);

@@ -9,12 +9,13 @@ use rayon::prelude::*;
 
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
-use crate::received::{Edge, Received};
+use crate::received::Edge;
 use crate::window::Window;
 use crate::work::{Pass, Work};
 
-/// Gathers again at apparently whole lumels next to one that an edge crosses: the edge continues,
-/// and may cut off less of them than one of their first points represents.
+/// Computes direct light again at lumels next to one that a shadow edge crosses, with more points
+/// for the lights of that edge: it continues, and may cut off less of a lumel than one of the first
+/// points represents.
 ///
 /// # Errors
 /// [`Cancelled`] if the monitor asks for it.
@@ -23,67 +24,42 @@ pub(crate) fn follow_edges(
     map: &mut LumelMap,
     work: &Work,
 ) -> Result<(), Cancelled> {
-    // If edges get no more points than other footprints, there is nothing to gain.
-    let options = &gatherer.options;
-    let contacts = options.contacts && options.edge_points > options.points;
-    for round in 0..options.follow {
-        let beside: Vec<(usize, Look)> = (0..map.len())
+    for round in 0..gatherer.options.follow {
+        let beside: Vec<(usize, u32)> = (0..map.len())
             .into_par_iter()
             .with_min_len(1024)
-            .filter_map(|i| {
-                let look = look_again(map, i);
-                let contact = look.contact && contacts && round == 0;
-                (contact || look.lights != 0).then_some((i, Look { contact, ..look }))
-            })
+            .map(|i| (i, look_again(map, i)))
+            .filter(|(_, lights)| *lights != 0)
             .collect();
         if beside.is_empty() {
             break;
         }
-        work.gather(map, Pass::Edges(round), &beside, |map, i, look| {
+        work.gather(map, Pass::Edges(round), &beside, |map, i, lights| {
             let (footprint, seed) = map.footprint(gatherer.world(), i);
-            let first = &map.received[i];
-            if !look.contact {
-                return gatherer.refine_direct(&footprint, seed, first, look.lights);
-            }
-            let again = gatherer.gather_edge(&footprint, seed);
-            Received {
-                // For the smoothing; the many points know it better.
-                open: first.open.min(again.open),
-                rays: first.rays + again.rays,
-                ..again
-            }
+            gatherer.refine_direct(&footprint, seed, &map.received[i], lights)
         })?;
     }
     Ok(())
 }
 
-/// Why a lumel is gathered again.
-#[derive(Clone, Copy, Default)]
-struct Look {
-    /// Whether something touches its neighbour.
-    contact: bool,
-    /// Lights whose shadow edge crosses a neighbour, or runs between it and the lumel.
-    lights: u32,
-}
-
-fn look_again(map: &LumelMap, i: usize) -> Look {
+/// Lights whose shadow edge crosses a neighbour of lumel `i`, or runs between it and the lumel, and
+/// was not yet looked for.
+fn look_again(map: &LumelMap, i: usize) -> u32 {
     let own = &map.received[i];
     // Buried lumels and those at contacts were already sampled densely.
     if own.edge == Edge::Contact || own.open == 0.0 {
-        return Look::default();
+        return 0;
     }
-    let mut look = Look::default();
-    for way in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])) {
-        let Some(j) = map.beside(i, way) else {
-            continue;
-        };
-        let other = &map.received[j];
-        look.contact |= other.edge == Edge::Contact;
-        // One light's shadow may end in a lumel where another's was found.
-        look.lights |= other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit);
-    }
-    look.lights &= !(own.mixed | own.looked);
-    look
+    let lights = (-1..=1)
+        .flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]))
+        .filter_map(|way| map.beside(i, way))
+        .map(|j| {
+            let other = &map.received[j];
+            // One light's shadow may end in a lumel where another's was found.
+            other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit)
+        })
+        .fold(0, |all, lights| all | lights);
+    lights & !(own.mixed | own.looked)
 }
 
 /// Casts more gathering rays where neighbours show that the first were too few for

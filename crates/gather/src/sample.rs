@@ -26,13 +26,13 @@ pub(crate) struct Sampled {
 }
 
 impl Gatherer<'_, '_> {
-    /// Gathers at points of a footprint. `taken` receives each point's sums for planes, with the
-    /// point's index, and resets them.
+    /// Gathers at points of a footprint. `taken` receives each point's index, sums, and sums for
+    /// planes, and resets the latter.
     pub(crate) fn sample(
         &self,
         points: &[SurfacePoint],
         sampling: Sampling,
-        mut taken: impl FnMut(usize, &mut PlaneSums),
+        mut taken: impl FnMut(usize, &Point, &mut PlaneSums),
     ) -> Sampled {
         let lit = LitRays::new(self, points, &sampling);
         let sky = SkyRays::new(self.tracer.solution, points, &sampling);
@@ -65,7 +65,7 @@ impl Gatherer<'_, '_> {
                     cast +=
                         u64::from(sky.reach(self.world(), point, number, &mut sum, &mut planes));
                 }
-                taken(k, &mut planes);
+                taken(k, &sum, &mut planes);
                 sum
             })
             .collect();

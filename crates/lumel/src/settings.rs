@@ -582,7 +582,8 @@ impl Settings {
         let lumels = self.lumel_options();
         GatherOptions {
             rays,
-            points: lumels.points.min(16),
+            // Each point costs as much as two rays.
+            points: lumels.points.min(16).min(rays / 4),
             edge_points: 0,
             most_rays: rays,
             open_only: true,

@@ -262,7 +262,7 @@ impl Gatherer<'_, '_> {
             };
         }
         let points = spread(footprint, self.options.points.max(1) as usize);
-        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, _| {});
+        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, _, _| {});
         let open = sampled.sums.iter().filter(|s| !s.inside()).count();
         let estimate = mean_and_spread(&sampled.sums, &vec![true; points.len()]);
         Received {
