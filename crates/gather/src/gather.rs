@@ -15,6 +15,9 @@ use crate::received::Received;
 /// Fewest points for detecting a wall that splits a footprint.
 const PARTED_POINTS: usize = 16;
 
+/// Under a cover, rays are fewer by this factor.
+const UNDER_COVERS: u32 = 4;
+
 /// Most [`GatherOptions::points`].
 const MOST_POINTS: usize = 64;
 
@@ -47,15 +50,20 @@ impl Gatherer<'_, '_> {
         let points = spread(footprint, self.points());
         let count = points.len();
         let gap = GAP * footprint.reach();
+        let mut sampling = self.sampling(footprint, seed);
         if options.open_only
             && options.edge_points > 0
             && points.iter().all(|p| world.out_of_sight(p, gap))
             && !self.anything_open(footprint, seed)
         {
-            return self.nothing_seen(footprint, &points);
+            if points.iter().all(|p| world.inside_a_body(p)) {
+                return self.nothing_seen(footprint, &points);
+            }
+            // Hardly anybody looks under a cover.
+            sampling.rays = (sampling.rays / UNDER_COVERS).max(1);
         }
         let mut planes = PlaneSums::new(self.wanted);
-        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, _, of_point| {
+        let sampled = self.sample(&points, sampling, |_, _, of_point| {
             planes.take(of_point);
         });
         let (sums, mut rays) = (sampled.sums, sampled.rays);
@@ -114,7 +122,7 @@ impl Gatherer<'_, '_> {
         out
     }
 
-    /// A footprint that nobody sees: in a body, or under a cover. Neighbours lend it their light.
+    /// A footprint in a body, where nobody sees it. Neighbours lend it their light.
     fn nothing_seen(&self, footprint: &impl Footprint, points: &[SurfacePoint]) -> Received {
         let place = Place::of(points);
         Received {

@@ -13,9 +13,8 @@ pub struct GatherOptions {
     /// Points of a footprint that an edge crosses; see
     /// [`Gatherer::gather`](crate::Gatherer::gather). 0 disables the search for edges.
     pub edge_points: u32,
-    /// Whether a footprint whose first `points` disagree counts as crossed by an edge, and its
-    /// neighbours are gathered again. Otherwise only footprints partly inside or behind something
-    /// do.
+    /// Whether a footprint whose first `points` disagree counts as crossed by an edge. Otherwise
+    /// only footprints partly inside or behind something do.
     pub contacts: bool,
     /// Follow shadow edges for this many lumels from where they were found.
     pub follow: u32,
