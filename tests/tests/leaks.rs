@@ -543,6 +543,31 @@ fn the_inside_of_a_post_blackens_nothing_around_it() {
 }
 
 #[test]
+fn a_floor_in_a_crate_casts_no_rays() {
+    let half = Vec3::new(1.0, 0.0, 1.0);
+    let floor = quad([
+        -half,
+        Vec3::new(-1.0, 0.0, 1.0),
+        half,
+        Vec3::new(1.0, 0.0, -1.0),
+    ]);
+    let (low, high) = (Vec3::new(-0.8, -0.1, -0.8), Vec3::new(0.8, 0.5, 0.8));
+    let shell = Geometry::union(&box_faces(low, high, 1));
+    let rays = |lights: &[(Light, Vec3)]| {
+        let glb = lit(&[("floor", &floor), ("crate", &shell)], 0.5, lights);
+        let settings = Settings {
+            sky: SkySource::Color([1.0; 3]),
+            ..at(16.0)
+        };
+        (crate::common::bake(&glb, &settings).report.gather.light).lumel_rays
+    };
+    // Whoever put a lamp into a crate looks into it, so its floor is gathered: some 500 lumels, by
+    // 128 rays at least if they are not interpolated.
+    let (closed, inhabited) = (rays(&[]), rays(&[(Light::Point([1e-3; 3]), 0.2 * Vec3::Y)]));
+    assert!(closed + 64 * 500 < inhabited, "{closed}, {inhabited}");
+}
+
+#[test]
 fn night_outside_of_a_room_draws_no_line_along_its_walls() {
     // A room of 2 m with skins on both sides of its walls, 2 mm apart, and a lamp; its floor goes on
     // outside, where it is night. Lumels are 12.5 cm wide; the walls leave any part of them outside.

@@ -224,9 +224,12 @@ impl Bounces<'_> {
         let mut often = Vec::new();
         while !report.cancelled {
             let last = rays == self.most;
-            let wanted = |p: usize| match often.get(p) {
-                Some(true) if last => TIMES * rays,
-                _ => rays_of_patch(&self.cut.patches()[p], rays),
+            let wanted = |p: usize| {
+                let own = rays_of_patch(&self.cut.patches()[p], rays);
+                match often.get(p) {
+                    Some(true) if last => TIMES * own,
+                    _ => own,
+                }
             };
             if let Err(Cancelled) = links.extend(self.world, self.cut, wanted, monitor) {
                 report.cancelled = true;
@@ -248,8 +251,8 @@ impl Bounces<'_> {
 
     /// By patch, whether light that it sends arrives often: first there, then reflected. Each error
     /// of what is lost at a reflection adds up: in a room that reflects 98 %, `preview`'s 64 rays a
-    /// patch leave the level of light 1 % off, in a colour that depends on the draw. Parts of
-    /// crowded patches are many, and share what they find. `false` for all if memory is short.
+    /// patch leave the level of light 1 % off, in a colour that depends on the draw. `false` for all
+    /// if memory is short.
     fn reflected_often(&self, links: &Links) -> Vec<bool> {
         let ones = vec![DVec3::ONE; links.patches];
         let system = System {
@@ -264,11 +267,13 @@ impl Bounces<'_> {
             ..self.relax
         };
         system.relax(&mut arrivals, &rough, &Silent);
-        let often: Vec<bool> = (arrivals.iter().zip(self.cut.patches()))
-            .map(|(n, p)| !p.fine && n.max_element() > OFTEN)
-            .collect();
-        let more = often.iter().filter(|o| **o).count() as u64 * u64::from(TIMES - 1);
-        match (links.patches as u64 + more) * u64::from(self.most) <= self.most_links {
+        let often: Vec<bool> = arrivals.iter().map(|n| n.max_element() > OFTEN).collect();
+        let rays: u64 = (often.iter().zip(self.cut.patches()))
+            .map(|(often, p)| {
+                u64::from(rays_of_patch(p, self.most)) * if *often { u64::from(TIMES) } else { 1 }
+            })
+            .sum();
+        match rays <= self.most_links {
             true => often,
             false => vec![false; links.patches],
         }
