@@ -34,5 +34,6 @@ mod walls;
 pub use flat::FlatPieces;
 pub use region::{RegionId, RegionOptions};
 pub use subdivision::{
-    Element, ElementId, Locus, Options, Patch, PatchId, PointOn, Stats, Subdivision, Tap,
+    Element, ElementId, ElementPoints, Locus, Options, Patch, PatchId, PointOn, Stats, Subdivision,
+    Tap,
 };

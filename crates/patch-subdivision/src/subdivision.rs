@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::grid::{
     Fragment, Frame, choose_frame, clip_to_fine, fine_corners, frame_of_cluster, rasterise,
 };
+use crate::raster::Polygon;
 use crate::region::{Connected, RegionOptions, Regions, gather_regions};
 use crate::walls::Walls;
 
@@ -333,20 +334,21 @@ impl Subdivision {
         q.map(|x| ((x * sub).floor() + 0.5) / sub)
     }
 
-    /// Another point of the element, drawn uniformly from it. `number` tells its points apart.
-    pub fn another_point(&self, element: ElementId, soup: &Soup, number: u32) -> PointOn {
+    /// Further points of an element.
+    pub fn points_of<'s>(&'s self, element: ElementId, soup: &'s Soup) -> ElementPoints<'s> {
         let e = &self.elements[element.0 as usize];
         let region = &self.regions[self.region_of_triangle[e.triangle as usize] as usize];
         let (sub, [columns, rows]) = (region.frame.sub as f32, region.fine());
         let [x, y] = self.middle(element, soup).map(|x| (x * sub) as i32);
-        let fine = (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as u32;
-        let seed = hash(hash(element.0).wrapping_add(number));
-        let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
-        let parts = parts_of(&self.parts, element.0..element.0 + 1);
-        let areas = parts.iter().map(|part| (part.triangle, part.area));
-        let triangle = draw_triangle(areas, random(3)).unwrap_or(e.triangle);
-        let uv = draw_point(soup, &region.frame, triangle, fine, [random(1), random(2)]);
-        PointOn { triangle, uv }
+        ElementPoints {
+            soup,
+            frame: &region.frame,
+            fine: (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as u32,
+            element,
+            triangle: e.triangle,
+            parts: parts_of(&self.parts, element.0..element.0 + 1),
+            last: None,
+        }
     }
 
     /// Moves points of elements.
@@ -614,7 +616,8 @@ fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
     let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
     let areas = run.iter().map(|f| (f.triangle, f.area));
     let triangle = draw_triangle(areas, random(1)).unwrap_or(run[0].triangle);
-    let [u, v] = draw_point(soup, frame, triangle, run[0].fine, [random(2), random(3)]);
+    let part = Fragmented::new(soup, frame, triangle, run[0].fine);
+    let [u, v] = part.draw([random(2), random(3)]);
     Element {
         triangle,
         u,
@@ -645,23 +648,71 @@ fn draw_triangle(parts: impl Iterator<Item = (u32, f32)> + Clone, x: f64) -> Opt
     chosen
 }
 
-/// Barycentrics of a point of the triangle inside fine cell `fine`, given two random numbers.
-fn draw_point(soup: &Soup, frame: &Frame, triangle: u32, fine: u32, random: [f64; 2]) -> [f32; 2] {
-    let corners = fine_corners(soup, frame, triangle);
-    let det = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
-    let polygon = clip_to_fine(soup, frame, triangle, fine);
-    let uv = if polygon.n >= 3 && det.abs() > 1e-12 {
-        let d: DVec2 = polygon.sample(random[0], random[1]) - corners[0];
-        [
-            d.perp_dot(corners[2] - corners[0]) / det,
-            (corners[1] - corners[0]).perp_dot(d) / det,
-        ]
-    } else {
-        let s = random[0].sqrt();
-        [s * (1.0 - random[1]), s * random[1]]
-    };
-    // Away from the triangle's edges, where a ray could hit an adjacent face.
-    uv.map(|x| (x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4) as f32)
+/// The part of a triangle in a fine cell.
+struct Fragmented {
+    corners: [DVec2; 3],
+    part: Polygon,
+}
+
+impl Fragmented {
+    fn new(soup: &Soup, frame: &Frame, triangle: u32, fine: u32) -> Self {
+        Fragmented {
+            corners: fine_corners(soup, frame, triangle),
+            part: clip_to_fine(soup, frame, triangle, fine),
+        }
+    }
+
+    /// Barycentrics in the triangle of a point of the part, given two random numbers.
+    fn draw(&self, random: [f64; 2]) -> [f32; 2] {
+        let corners = &self.corners;
+        let det = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
+        let uv = if self.part.n >= 3 && det.abs() > 1e-12 {
+            let d: DVec2 = self.part.sample(random[0], random[1]) - corners[0];
+            [
+                d.perp_dot(corners[2] - corners[0]) / det,
+                (corners[1] - corners[0]).perp_dot(d) / det,
+            ]
+        } else {
+            let s = random[0].sqrt();
+            [s * (1.0 - random[1]), s * random[1]]
+        };
+        // Away from the triangle's edges, where a ray could hit an adjacent face.
+        uv.map(|x| (x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4) as f32)
+    }
+}
+
+/// Draws points uniformly from an element.
+pub struct ElementPoints<'s> {
+    soup: &'s Soup,
+    frame: &'s Frame,
+    /// Its fine cell.
+    fine: u32,
+    element: ElementId,
+    /// The triangle of its own point.
+    triangle: u32,
+    /// Its parts, if it has several.
+    parts: &'s [Part],
+    /// The triangle of the last point, and its part of the element.
+    last: Option<(u32, Fragmented)>,
+}
+
+impl ElementPoints<'_> {
+    /// A point of the element; `number` tells its points apart.
+    pub fn draw(&mut self, number: u32) -> PointOn {
+        let seed = hash(hash(self.element.0).wrapping_add(number));
+        let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
+        let areas = (self.parts.iter()).map(|part| (part.triangle, part.area));
+        let triangle = draw_triangle(areas, random(3)).unwrap_or(self.triangle);
+        let last = self.last.take().filter(|last| last.0 == triangle);
+        let (_, part) = self.last.insert(last.unwrap_or_else(|| {
+            let part = Fragmented::new(self.soup, self.frame, triangle, self.fine);
+            (triangle, part)
+        }));
+        PointOn {
+            triangle,
+            uv: part.draw([random(1), random(2)]),
+        }
+    }
 }
 
 /// A 32-bit integer hash (Wellons' `lowbias32`, 2018).

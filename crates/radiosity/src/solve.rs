@@ -4,7 +4,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use mesh_ingest::Pyramids;
-use patch_subdivision::{ElementId, Options as CutOptions, PatchId, PointOn, Stats, Subdivision};
+use patch_subdivision::{
+    ElementId, ElementPoints, Options as CutOptions, PatchId, PointOn, Stats, Subdivision,
+};
 use rayon::prelude::*;
 
 use crate::audit::audit;
@@ -456,20 +458,20 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     // What lies on an element covers the part below, which nobody sees from afar. Points are moved
     // out of there, so the element counts with the rest of its area. Parts in a body are another
     // matter: points stay there, and then the element does not count at all.
-    let partly = |p: PatchId, id: ElementId, own: PointOn| -> Option<(ElementId, f32)> {
+    let partly = |p: PatchId, own: PointOn, drawn: &mut ElementPoints| -> Option<f32> {
         let width = element_edge(cut, own.triangle);
         let own = point(p, own)?;
         if !world.anything_above(&own, width) {
             return None;
         }
         let is_covered = world.covered(&own, width);
-        let others = (0..POINTS).map(|i| cut.another_point(id, world.soup, OTHERS + i));
+        let others = (0..POINTS).map(|i| drawn.draw(OTHERS + i));
         let (mut all, mut alike) = (1, 1);
         for other in others.filter_map(|on| point(p, on)) {
             all += 1;
             alike += u32::from(world.covered(&other, width) == is_covered);
         }
-        (alike < all).then_some((id, alike as f32 / all as f32))
+        (alike < all).then_some(alike as f32 / all as f32)
     };
     let look = |p: PatchId, k: usize| -> Seen {
         let e = &cut.elements()[k];
@@ -488,7 +490,7 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         };
         let edge = cut.patch_edge(e.triangle);
         let id = ElementId(k as u32);
-        let mut others = (0..OTHERS).map(|i| (RAYS + i, cut.another_point(id, world.soup, i)));
+        let mut drawn = cut.points_of(id, world.soup);
         let from_afar = |(ray, on): &(u32, PointOn)| {
             point(p, *on).is_some_and(|point| match cast(k, &point, *ray) {
                 Side::Shown(t) | Side::Either(t) => t >= edge,
@@ -496,14 +498,18 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
             })
         };
         let moved = match t < edge {
-            true => others.find(from_afar).map(|(_, on)| on),
+            true => (0..OTHERS)
+                .map(|i| (RAYS + i, drawn.draw(i)))
+                .find(from_afar),
             false => None,
         };
+        let moved = moved.map(|(_, on)| on);
+        let share = partly(p, moved.unwrap_or(own), &mut drawn);
         Seen {
             buried: false,
             close: t < edge,
             moved: moved.map(|on| (id, on)),
-            partly: partly(p, id, moved.unwrap_or(own)),
+            partly: share.map(|share| (id, share)),
         }
     };
     let seen: Vec<Seen> = (0..cut.patches().len() as u32)
