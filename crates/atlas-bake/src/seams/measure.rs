@@ -21,7 +21,7 @@ pub struct SeamReport {
     pub samples: u64,
     /// Length of all seams where light is continuous, metres.
     pub metres: f64,
-    /// Length of those where one side has more than six times the light of the other, metres:
+    /// Length of those where one side has more than twice the light of the other, metres:
     /// places under something, and edges of shadows. They are left as they are.
     pub jumps: f64,
     /// Differences after gathering and dilation.

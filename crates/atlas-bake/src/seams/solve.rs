@@ -32,10 +32,11 @@ const AGREE: f32 = 2e4;
 const AGREE_NARROW: f32 = 10.0;
 
 /// Light is continuous across a seam if one side has at most this many times the light of the
-/// other. Grids alone make less of a difference, where a dark corner is nearer to the texels of one
-/// side. Beyond it, one side is under something, as the top of a block where the next one stands on
-/// it. At 16, a black corner remained on a level of a kit; 3 changes nothing more that is seen.
-const CONTINUOUS: f32 = 6.0;
+/// other. Beyond it, one side is under or behind something, or light falls off within a lumel.
+/// Agreement would then darken the bright side, which holds less fast than the dark one: at 6, walls
+/// were dark a lumel or two above a sofa a hand's width before them. 1.5 changes nothing more that
+/// is seen.
+const CONTINUOUS: f32 = 2.0;
 
 /// G: weight of smooth changes against small ones. Changes fade out over √G texels. At 2, lumels
 /// away from the seam change six times as much as at ½; at 0.2, single texels take up all of the
@@ -408,7 +409,7 @@ mod tests {
     }
 
     /// Two strips, one lumel high, whose long borders meet on both sides like those of a ledge;
-    /// their light is 1 and 0.2.
+    /// their light is 1 and 0.55.
     fn strips() -> (Vec<Sample>, Vec<Page>, Texels) {
         let (width, height) = (24u32, 16u32);
         let n = (width * height) as usize;
@@ -419,7 +420,7 @@ mod tests {
             width,
             height,
             value: (0..n)
-                .map(|i| [if row(i) < 7 { 1.0 } else { 0.2 }; 3])
+                .map(|i| [if row(i) < 7 { 1.0 } else { 0.55 }; 3])
                 .collect(),
             coverage: (0..n)
                 .map(|i| if is_lumel(i) { 0.5 } else { 0.0 })
@@ -466,7 +467,7 @@ mod tests {
     fn lookups_of_narrow_strips_agree_and_none_is_below_zero() {
         let (samples, pages, texels) = strips();
         let (stitcher, after) = stitched(&samples, &pages, &texels);
-        assert!(stitcher.report.before.p99 > 1.0, "{:?}", stitcher.report);
+        assert!(stitcher.report.before.p99 > 0.5, "{:?}", stitcher.report);
         assert!(stitcher.narrow.iter().all(|&narrow| narrow));
         // The promised agreement; with the bounds of charts that are not narrow it would be 0.13.
         let found = stitcher.error(&after);
@@ -474,17 +475,17 @@ mod tests {
     }
 
     #[test]
-    fn strips_in_and_out_of_a_hard_sun_agree() {
-        // Patches of sun, three lumels long and a thousand times brighter than their shade, offset
+    fn strips_in_and_out_of_a_sun_agree() {
+        // Patches of sun, three lumels long and nearly twice as bright as their shade, offset
         // between the sides, so that bounds are active everywhere.
         let (samples, mut pages, texels) = strips();
         for (i, v) in pages[0].value.iter_mut().enumerate() {
             let (x, y) = (i % 24, i / 24);
             let lit = (x + if y < 7 { 0 } else { 2 }) % 6 < 3;
-            *v = [if lit { 1.0 } else { 0.001 }; 3];
+            *v = [if lit { 1.0 } else { 0.55 }; 3];
         }
         let (stitcher, after) = stitched(&samples, &pages, &texels);
-        assert!(stitcher.report.before.p99 > 1.0, "{:?}", stitcher.report);
+        assert!(stitcher.report.before.p99 > 0.5, "{:?}", stitcher.report);
         let found = stitcher.error(&after);
         assert!(found.p99 < 0.01, "{found:?}");
     }
@@ -528,11 +529,13 @@ mod tests {
             (least, stitcher.error(&after).p99)
         };
         // A difference that the grids may have made is taken out.
-        let (least, apart) = after(0.4);
-        assert!(least < 0.9 && apart < 0.05, "{least} {apart}");
-        // A thousandth for rounding; it would be 0.003.
-        let (least, _) = after(0.01);
-        assert!(least > 0.999, "{least}");
+        let (least, apart) = after(0.6);
+        assert!(least < 0.95 && apart < 0.05, "{least} {apart}");
+        // A thousandth for rounding; they would be 0.7 and 0.003.
+        for dark in [0.4, 0.01] {
+            let (least, _) = after(dark);
+            assert!(least > 0.999, "{least}");
+        }
     }
 
     #[test]
