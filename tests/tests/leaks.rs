@@ -323,6 +323,46 @@ fn cuts_keep_the_light_of_a_thin_wall_on_its_side_and_the_surface_as_it_is() {
     assert_eq!(with.leaked, 0.0);
 }
 
+/// Processes that share a bake with cuts carry the light of the level as it was, and give its bytes.
+#[test]
+fn a_level_with_cuts_can_be_shared() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let [path, work, whole, shared] =
+        ["scene.glb", "work", "whole", "shared"].map(|name| dir.path().join(name));
+    std::fs::write(&path, scene("sheet_wall").glb).expect("written");
+    let settings = Settings {
+        texels_per_unit: Some(4.0),
+        quality: Quality::Draft,
+        split_sides: false,
+        ..Settings::default()
+    };
+    let order = || lumel::Order {
+        scene: &path,
+        settings: &settings,
+        provenance: &lumel::Provenance::default(),
+    };
+    let beside = lumel::Beside::default();
+    let baked = lumel::bake(&path, &settings, &lumel::Silent).expect("a bake");
+    assert!(!baked.report.notes.is_empty(), "cuts");
+    baked.write(&whole).expect("written");
+    let told = lumel::Told {
+        folder: ".".into(),
+        arguments: vec!["scene.glb".into()],
+    };
+    lumel::solve(order(), told, &work, &beside, &lumel::Silent).expect("solved");
+    let work = lumel::WorkFolder::open(&work).expect("a work folder");
+    for number in [2, 1] {
+        let shard = lumel::ShardOf { number, of: 2 };
+        lumel::gather_work(order(), &work, shard, &beside, &lumel::Silent).expect("gathered");
+    }
+    let merged = lumel::merge_work(order(), &work, &beside, &lumel::Silent).expect("merged");
+    merged.write(&shared).expect("written");
+    for name in ["scene.lightmap.exr", "scene.glb"] {
+        let [a, b] = [&whole, &shared].map(|dir| std::fs::read(dir.join(name)).expect("a file"));
+        assert!(a == b, "{name} differs");
+    }
+}
+
 #[test]
 fn a_plan_knows_that_walls_will_be_cut() {
     let dir = tempfile::tempdir().expect("a temporary folder");

@@ -25,14 +25,12 @@ struct Seen {
     place: Place,
     indirect: Estimate,
     planes: Vec<Plane>,
+    /// Its number of points times the fraction of their rays that go far: how much it is seen. The
+    /// slit between a book and the wall may be larger than what is seen beside the book.
+    seen: f32,
 }
 
 impl Seen {
-    /// Number of points that count.
-    fn size(&self) -> usize {
-        self.mask.iter().filter(|m| **m).count()
-    }
-
     /// Luminance of the light.
     fn light(&self) -> f32 {
         luminance(self.direct.irradiance + self.indirect.mean)
@@ -42,6 +40,9 @@ impl Seen {
 /// A footprint with a smaller visible fraction counts as hidden: its few samples are mostly noise,
 /// and its neighbours know better.
 const LEAST_OPEN: f32 = 1.0 / 32.0;
+
+/// Least fraction of rays that go far, for parts of which none does: there, size decides.
+const LEAST_FAR: f32 = 0.02;
 
 /// An object that touches a footprint shadows part of it. This many scouts find that more reliably
 /// than [`DirectOptions::scouts`].
@@ -108,6 +109,7 @@ impl Gatherer<'_, '_> {
             place,
             indirect,
             planes,
+            ..
         } = seen.pop().unwrap_or_else(|| {
             // Either nothing is visible, or visible parts are not separated: use the whole
             // footprint.
@@ -179,7 +181,7 @@ impl Gatherer<'_, '_> {
         (sorted, sampled.rays)
     }
 
-    /// The visible parts, the largest last, and a flag for each part that is hidden. Parts outside
+    /// The visible parts, the one that is seen most last, and a flag for each part that is hidden. Parts outside
     /// the level are hidden if others are in a room.
     fn seen_parts<F: Footprint>(&self, all: &Sorted<F>) -> (Vec<Seen>, Vec<bool>) {
         let mut hidden = vec![false; all.parts()];
@@ -220,7 +222,7 @@ impl Gatherer<'_, '_> {
                 seen.push(one);
             }
         }
-        seen.sort_by_key(Seen::size);
+        seen.sort_by(|a, b| a.seen.total_cmp(&b.seen));
         (seen, hidden)
     }
 
@@ -247,7 +249,10 @@ impl Gatherer<'_, '_> {
         let points = OpenPoints::new(all.footprint, &all.points, &mask);
         let place = points.place();
         let direct = self.direct_light(points, all.seed, &options, &known, &mut planes);
+        let counted = || all.sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
+        let seen = count as f32 * Point::far(counted()).max(LEAST_FAR);
         Seen {
+            seen,
             indirect,
             direct,
             place,

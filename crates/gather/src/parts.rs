@@ -2,8 +2,8 @@
 //!
 //! A floor that continues under a wall has lumels on both sides, and some that the wall cuts. The
 //! mean of a lit room and a dark one is wrong in both. So the points of such a lumel are sorted by
-//! which of them see each other just above the surface ([`Parts`]). The lumel takes the light of
-//! its largest visible part, and lumels take no light from neighbours behind a wall ([`Barriers`]).
+//! which of them see each other just above the surface ([`Parts`]). The lumel takes the light of the
+//! part that is seen most, and lumels take no light from neighbours behind a wall ([`Barriers`]).
 
 use radiosity::{SurfacePoint, World};
 

@@ -44,9 +44,9 @@ pub struct Estimate {
     pub probes: usize,
     /// Number of reflection captures.
     pub reflections: usize,
-    /// Whether charts and solve will be made twice: charts are cut under thin walls, or sheets get
-    /// a lightmap for each side, once the light is known to differ there. Foretold by a coarse
-    /// solve.
+    /// Whether charts will be made twice: they are cut under thin walls, or sheets get a lightmap
+    /// for each side, once the light is known to differ there. With sheets, the light is solved
+    /// twice as well. Foretold by a coarse solve.
     pub planned_twice: bool,
     /// Number of rays of all kinds.
     pub rays: f64,
@@ -157,11 +157,13 @@ pub fn estimate(
     let solving = links + tried.shadow_rays as f64 * more;
     // Processing a ray takes longer than casting it, and costs the same in the trial.
     let solve_seconds = trying * solving / ((tried.link_rays + tried.shadow_rays) as f64).max(1.0);
-    let planned_twice = settings.split_sides
-        && !split::wanted(&loaded, &world, &solution).is_empty()
+    let solved_twice =
+        settings.split_sides && !split::wanted(&loaded, &world, &solution).is_empty();
+    let planned_twice = solved_twice
         || settings.cut_charts
             && !cut::wanted(&loaded, (&world, &emitters, &solution), &layout).is_empty();
-    let plans = if planned_twice { 2.0 } else { 1.0 };
+    let [plans, solves] =
+        [planned_twice, solved_twice].map(|twice| 1.0 + f64::from(u8::from(twice)));
     let options = bake_options(settings);
     let gather = gather_cost(&world, &emitters, &solution, &plan, &options);
     let gathered = gather.gathered as f64;
@@ -170,13 +172,14 @@ pub fn estimate(
     let reflections = scene.reflections.len();
     let captured = probes::reflection_options(settings.quality).rays_each();
     let probe_rays = probe_rays + reflections as f64 * captured as f64;
-    let rays = plans * solving + gathered * gather.rays * over + probe_rays;
+    let rays = solves * solving + gathered * gather.rays * over + probe_rays;
     let samples = gather.counts.seam_samples as f64;
     let sky = &world.sky;
     let need = Need::of(&loaded, (&world, sky), settings, &layout, gather.counts);
     need.check(settings, &layout)?;
     let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
-    let seconds = plans * (planning + solve_seconds)
+    let seconds = plans * planning
+        + solves * solve_seconds
         + (probe_rays + stitching) / rate
         + gathered * gather.seconds * over;
     let mut files = output_names(file, settings);

@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::beside::Beside;
 use crate::cache::Cache;
 use crate::error::Error;
-use crate::open::{Opened, Outside, Solved, Start, open};
+use crate::open::{Opened, Outside, Solved, Start, Uncut, open};
 use crate::pipeline::{Bake, Elsewhere, bake_rest};
 use crate::plan::{Done, bake_options};
 use crate::record::{self, Provenance, RecordedInput};
@@ -86,6 +86,18 @@ impl Order<'_> {
         (key, all.into_iter().map(hashed).collect())
     }
 
+    /// The light of the document before its charts are cut.
+    pub(crate) fn uncut(
+        &self,
+        solved: Option<Solved>,
+        beside: &Beside<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Box<Uncut>, Error> {
+        let (opened, outside) = self.open(&beside.again(), Start::default(), monitor)?;
+        let outside = Outside { solved, ..outside };
+        opened.uncut(self.scene, outside, self.settings, monitor)
+    }
+
     /// Reopens the scene of a work folder, with its solution.
     fn resume(
         &self,
@@ -102,7 +114,11 @@ impl Order<'_> {
         let (key, inputs) = self.inputs(&opened);
         work.check_inputs(&key, &inputs)?;
         let (light, file) = work.solution()?;
-        outside.solved = Some(Solved { light, file });
+        let solved = Solved::Elsewhere { light, file };
+        outside.solved = Some(match work.description.carried {
+            false => solved,
+            true => Solved::Uncut(self.uncut(Some(solved), beside, monitor)?),
+        });
         Ok((opened, outside))
     }
 }
@@ -161,8 +177,10 @@ pub fn solve(
     let planned = if changes.is_empty() {
         first
     } else {
-        drop(first);
+        let solution = first.into_solution();
+        let soup = opened.soup;
         let start = Start {
+            uncut: (changes.only_cut()).then(|| Box::new(Uncut { soup, solution })),
             changes: changes.clone(),
             decided: true,
             ..Start::default()
@@ -184,6 +202,7 @@ pub fn solve(
     let mut description = Description::new(told, key, inputs);
     description.split = changes.split.into_iter().collect();
     description.cuts = changes.cuts;
+    description.carried = planned.lit.carried;
     description.layout = layout_digest(&planned.layout);
     description.lumels = Lumels::count(world.scene, world.soup, &planned.layout);
     description.files = hashes_in(&cache.folder)?;

@@ -16,7 +16,7 @@ use crate::files::NamedFile;
 use crate::joints::Order;
 use crate::level_record::{LevelRecord, instances_of};
 use crate::named::node_of;
-use crate::open::Start;
+use crate::open::{Solved, Start};
 use crate::page_groups::{list, parents};
 use crate::pipeline::{Bake, Elsewhere, bake_rest};
 use crate::plan::Done;
@@ -98,7 +98,8 @@ pub fn rebake(
         decided: true,
         ..Start::default()
     };
-    let (mut opened, outside) = order.open(beside, start, monitor)?;
+    let only_cut = start.changes.only_cut();
+    let (mut opened, mut outside) = order.open(beside, start, monitor)?;
     opened.leave_probes();
     let scene = &opened.loaded.scene;
     let named = find(scene, opened.loaded.document.json(), only.names)?;
@@ -118,6 +119,10 @@ pub fn rebake(
         done: Done::Earlier(&earlier),
         check: &check,
     };
+    if only_cut {
+        // As in a bake that finds the cuts by itself.
+        outside.solved = Some(Solved::Uncut(order.uncut(None, beside, monitor)?));
+    }
     let settled = (settings, order.provenance);
     let with = (beside, &elsewhere);
     let mut bake = bake_rest(order.scene, (opened, outside), settled, with, monitor)?;

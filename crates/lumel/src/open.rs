@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use glam::Vec3;
 use mesh_ingest::{Cut, LampMode, Light, LightKind, Loaded, Scene, Soup};
-use radiosity::{LightGroups, Monitor, Phase, Sky, StoredSolution};
+use radiosity::{LightGroups, Monitor, Phase, Sky, Solution, StoredSolution};
 
 use crate::beside::{Beside, Remark};
 use crate::brightness;
@@ -117,14 +117,21 @@ impl Changes {
     pub(crate) fn is_empty(&self) -> bool {
         self.split.is_empty() && self.cuts.is_empty()
     }
+
+    /// Whether the surfaces stay as they are, and so does their light: only charts are cut.
+    pub(crate) fn only_cut(&self) -> bool {
+        self.split.is_empty() && !self.cuts.is_empty()
+    }
 }
 
 /// How a bake begins.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Start {
     pub changes: Changes,
     /// Whether `changes` are final, by an earlier attempt or by another process.
     pub decided: bool,
+    /// The light before the changes, if it is that after them.
+    pub uncut: Option<Box<Uncut>>,
     /// The clock of the earlier attempt.
     pub clock: Option<Clock>,
     /// Its charts.
@@ -152,19 +159,30 @@ pub(crate) struct Opened {
     pub charts: Remembered,
 }
 
-/// Light from outside the scene, the light groups, and the solution, if another process has solved
-/// it.
+/// Light from outside the scene, the light groups, and the solution, if there is one.
 pub(crate) struct Outside {
     pub sky: Sky,
     pub groups: Option<LightGroups>,
     pub solved: Option<Solved>,
 }
 
-/// A solution from another process.
-pub(crate) struct Solved {
-    pub light: StoredSolution,
-    /// The file that it was read from.
-    pub file: PathBuf,
+/// A solution that is known before.
+pub(crate) enum Solved {
+    /// By another process.
+    Elsewhere {
+        light: StoredSolution,
+        /// The file that it was read from.
+        file: PathBuf,
+    },
+    /// Of the document before its charts were cut.
+    Uncut(Box<Uncut>),
+}
+
+/// The light of a document before its charts are cut: the surfaces are the same, so it is not
+/// solved again.
+pub(crate) struct Uncut {
+    pub soup: Soup,
+    pub solution: Solution,
 }
 
 /// Reads a scene and checks everything that can be checked before its light is computed.
@@ -235,7 +253,7 @@ pub(crate) fn open(
     let outside = Outside {
         sky,
         groups,
-        solved: None,
+        solved: start.uncut.map(Solved::Uncut),
     };
     Ok((opened, outside))
 }

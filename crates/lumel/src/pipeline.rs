@@ -18,7 +18,7 @@ use crate::clock::{Clock, begin};
 use crate::cut;
 use crate::error::Error;
 use crate::only::Kept;
-use crate::open::{Changes, Opened, Outside, Start, open};
+use crate::open::{Changes, Opened, Outside, Start, Uncut, open};
 use crate::plan::{Done, Lit, Planned};
 use crate::probes::{self, ProbePlan};
 use crate::record::{Provenance, Record, RecordedInput};
@@ -171,7 +171,10 @@ fn bake_opened(
     let planned = opened.plan(file, outside, settings, beside, (&mut clock, monitor))?;
     let changes = opened.to_change(&planned, settings);
     if !changes.is_empty() {
+        let solution = planned.into_solution();
+        let soup = opened.soup;
         return Ok(Attempt::Again(Start {
+            uncut: (changes.only_cut()).then(|| Box::new(Uncut { soup, solution })),
             changes,
             decided: true,
             clock: Some(clock),

@@ -23,7 +23,7 @@ use crate::cut;
 use crate::error::Error;
 use crate::memory::Need;
 use crate::mixed;
-use crate::open::{Changes, Opened, Outside, Solved};
+use crate::open::{Changes, Opened, Outside, Solved, Uncut};
 use crate::settings::Settings;
 use crate::split;
 
@@ -36,6 +36,12 @@ pub(crate) struct Planned<'l> {
     pub mixed: Option<(MixedLight, Vec<String>)>,
     /// What the cache did.
     pub cached: Option<CacheReport>,
+}
+
+impl Planned<'_> {
+    pub(crate) fn into_solution(self) -> Solution {
+        self.lit.solution
+    }
 }
 
 impl Opened {
@@ -63,7 +69,33 @@ impl Opened {
         }
     }
 
-    /// Makes charts and solves the light, or uses the solution of another process.
+    /// The light of a document whose charts are to be cut.
+    ///
+    /// # Errors
+    /// [`Error`], by fault.
+    pub(crate) fn uncut(
+        self,
+        file: &Path,
+        outside: Outside,
+        settings: &Settings,
+        monitor: &dyn Monitor,
+    ) -> Result<Box<Uncut>, Error> {
+        let level = Level {
+            file,
+            loaded: &self.loaded,
+            soup: &self.soup,
+            settings,
+            first_picture: None,
+        };
+        let mut clock = self.clock.clone();
+        let solution = level.light(outside, monitor, &mut clock)?.solution;
+        Ok(Box::new(Uncut {
+            soup: self.soup,
+            solution,
+        }))
+    }
+
+    /// Makes charts and solves the light, unless that is known.
     ///
     /// # Errors
     /// [`Error`], by fault.
@@ -179,9 +211,17 @@ impl<'l> Level<'l> {
 
         begin(monitor, Phase::Solve)?;
         let options = self.settings.solve_options(self.soup);
+        let solve = || radiosity::solve(&world, &emitters, &options, monitor);
+        let mut carried = false;
         let solution = match solved {
-            None => radiosity::solve(&world, &emitters, &options, monitor),
-            Some(Solved { light, file }) => {
+            None => solve(),
+            Some(Solved::Uncut(light)) => {
+                let Uncut { soup, solution } = *light;
+                let known = solution.carried(&soup, &world);
+                carried = known.is_some();
+                known.unwrap_or_else(solve)
+            }
+            Some(Solved::Elsewhere { light, file }) => {
                 let message = "found the light of other patches than the scene has";
                 let other = || Error::Folder {
                     path: file,
@@ -204,6 +244,7 @@ impl<'l> Level<'l> {
             world,
             emitters,
             solution,
+            carried,
         })
     }
 
@@ -271,6 +312,8 @@ pub(crate) struct Lit<'l> {
     pub world: World<'l>,
     pub emitters: Emitters,
     pub solution: Solution,
+    /// Whether the solution is that of the document before its charts were cut.
+    pub carried: bool,
 }
 
 impl Lit<'_> {

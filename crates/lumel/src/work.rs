@@ -73,6 +73,8 @@ pub(crate) struct Description {
     pub split: Vec<(usize, usize)>,
     /// Cuts under thin walls.
     pub cuts: Vec<Cut>,
+    /// Whether the solution is that of the document before these cuts.
+    pub carried: bool,
     /// Hash of the layout.
     pub layout: String,
     /// Lumels of each instance.
@@ -92,6 +94,7 @@ impl Description {
             files: Vec::new(),
             split: Vec::new(),
             cuts: Vec::new(),
+            carried: false,
             layout: String::new(),
             lumels: Vec::new(),
             seal: String::new(),

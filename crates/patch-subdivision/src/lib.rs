@@ -35,5 +35,5 @@ pub use flat::FlatPieces;
 pub use region::{RegionId, RegionOptions};
 pub use subdivision::{
     Element, ElementId, ElementPoints, Locus, Options, Patch, PatchId, PointOn, Stats, Subdivision,
-    Tap,
+    Tap, weights,
 };

@@ -351,6 +351,37 @@ impl Subdivision {
         }
     }
 
+    /// The same patches on triangles that those of `from` were divided into. `parents` gives, for
+    /// each triangle of `to` that rays see, the one of `from` that it is a part of. `None` if the
+    /// parts of a triangle with an element are not there.
+    pub fn carried(mut self, from: &Soup, to: &Soup, parents: &[u32]) -> Option<Self> {
+        let mut parts: Vec<(u32, u32)> = (parents.iter().zip(0..))
+            .map(|(parent, part)| (*parent, part))
+            .collect();
+        parts.sort_unstable();
+        for e in &mut self.elements {
+            let first = parts.partition_point(|part| part.0 < e.triangle);
+            let own = parts[first..].iter().take_while(|p| p.0 == e.triangle);
+            let corners = from.triangles[e.triangle as usize];
+            let [a, b, c] = corners;
+            let at = a + (b - a) * e.u + (c - a) * e.v;
+            let inside = |uv: &[f32; 2]| uv[0].min(uv[1]).min(1.0 - uv[0] - uv[1]);
+            (e.triangle, [e.u, e.v]) = own
+                .map(|&(_, part)| match to.triangles[part as usize] {
+                    same if same == corners => (part, [e.u, e.v]),
+                    other => (part, weights(other, at)),
+                })
+                .max_by(|x, y| inside(&x.1).total_cmp(&inside(&y.1)))
+                .map(|(part, uv)| (part, within(uv)))?;
+        }
+        let regions = parents
+            .iter()
+            .map(|&parent| self.region_of_triangle[parent as usize]);
+        self.region_of_triangle = regions.collect();
+        self.parts.clear();
+        Some(self)
+    }
+
     /// Moves points of elements.
     pub fn move_points(&mut self, moved: &[(ElementId, PointOn)]) {
         for (element, to) in moved {
@@ -677,7 +708,30 @@ impl Fragmented {
             [s * (1.0 - random[1]), s * random[1]]
         };
         // Away from the triangle's edges, where a ray could hit an adjacent face.
-        uv.map(|x| (x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4) as f32)
+        uv.map(|x| (x.clamp(0.0, 1.0) * (1.0 - 3e-4) + MARGIN) as f32)
+    }
+}
+
+/// Least barycentric of an element's point.
+const MARGIN: f64 = 1e-4;
+
+/// Barycentrics 1 and 2 in a triangle of the point nearest to `p` in its plane.
+pub fn weights([a, b, c]: [Vec3; 3], p: Vec3) -> [f32; 2] {
+    let [b, c, p] = [b, c, p].map(|q| (q - a).as_dvec3());
+    let normal = b.cross(c);
+    let double = normal.length_squared().max(f64::MIN_POSITIVE);
+    [p.cross(c), b.cross(p)].map(|part| (normal.dot(part) / double) as f32)
+}
+
+/// The nearest barycentrics that are at least [`MARGIN`] inside.
+fn within(uv: [f32; 2]) -> [f32; 2] {
+    let margin = MARGIN as f32;
+    let [u, v] = uv.map(|x| x.max(margin));
+    let over = (u + v) / (1.0 - margin);
+    if over > 1.0 {
+        [u / over, v / over]
+    } else {
+        [u, v]
     }
 }
 

@@ -16,6 +16,7 @@
 
 mod audit;
 mod bounce;
+mod carried;
 mod curved;
 mod direct;
 mod divide;
