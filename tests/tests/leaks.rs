@@ -336,10 +336,11 @@ fn a_level_with_cuts_can_be_shared() {
         split_sides: false,
         ..Settings::default()
     };
+    let provenance = lumel::Provenance::default();
     let order = || lumel::Order {
         scene: &path,
         settings: &settings,
-        provenance: &lumel::Provenance::default(),
+        provenance: &provenance,
     };
     let beside = lumel::Beside::default();
     let baked = lumel::bake(&path, &settings, &lumel::Silent).expect("a bake");

@@ -13,11 +13,12 @@ use visibility::{BuildOptions, Bvh};
 use crate::solution::Solution;
 use crate::world::World;
 
-/// Farthest that a part's corners lie off its triangle, as a fraction of the part's size: f32 rounds
-/// new vertices to 1e-7 of their coordinates.
+/// Farthest that a part's corners lie off the plane of its triangle, as a fraction of the part's
+/// size: f32 rounds new vertices to 1e-7 of their coordinates.
 const OFF: f32 = 1e-3;
 
-/// Least barycentric of a part's corners in its triangle.
+/// Least barycentric of a part's middle in its triangle. Corners may lie farther outside: cuts of
+/// neighbouring surfaces that nearly meet are moved together.
 const INSIDE: f32 = -1e-3;
 
 /// Least cosine between their normals.
@@ -34,7 +35,8 @@ impl Solution {
     }
 }
 
-/// For each triangle of `to` that rays see, the one of `from` that it is a part of. O(n log n).
+/// For each triangle of `to` that rays see, the one of `from` that it is a part of, where each has
+/// one. O(n log n).
 fn parents(from: &Soup, to: &Soup) -> Option<Vec<u32>> {
     let of_instance = |soup: &Soup| {
         let mut all: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -59,15 +61,22 @@ fn parents(from: &Soup, to: &Soup) -> Option<Vec<u32>> {
         }
         let triangles: Vec<[Vec3; 3]> = old.iter().map(|&t| from.triangles[t as usize]).collect();
         let tree = Bvh::build(&triangles, |_| false, &BuildOptions::default()).ok()?;
+        let mut found = Vec::with_capacity(new.len());
         for &part in new {
             let of = parent((from, old, &tree), (to, part))?;
             parents[part as usize] = of;
+            found.push(of);
+        }
+        found.sort_unstable();
+        found.dedup();
+        if found != *old {
+            return None;
         }
     }
     Some(parents)
 }
 
-/// The triangle that contains a part; of several, the one that contains it best.
+/// The triangle that contains the middle of a part; of several, the one that contains it best.
 fn parent((from, old, tree): (&Soup, &[u32], &Bvh), (to, part): (&Soup, u32)) -> Option<u32> {
     let own = to.triangles[part as usize];
     let [a, b, c] = own;
@@ -80,10 +89,11 @@ fn parent((from, old, tree): (&Soup, &[u32], &Bvh), (to, part): (&Soup, u32)) ->
         let alike = normal.dot(from.normals[t as usize]) >= FACING
             && from.materials[t as usize] == to.materials[part as usize]
             && (own.iter()).all(|p| normal.dot(*p - corners[0]).abs() <= reach);
-        let inside = (own.iter())
-            .map(|p| weights(corners, *p))
-            .map(|[u, v]| u.min(v).min(1.0 - u - v))
-            .fold(f32::INFINITY, f32::min);
+        let [u, v] = weights(corners, middle);
+        let inside = match from.triangles[t as usize] == own {
+            true => f32::INFINITY,
+            false => u.min(v).min(1.0 - u - v),
+        };
         let better = best.is_none_or(|(most, other)| inside > most || inside == most && t < other);
         if alike && inside >= INSIDE && better {
             best = Some((inside, t));
