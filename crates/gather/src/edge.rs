@@ -181,8 +181,8 @@ impl Gatherer<'_, '_> {
         (sorted, sampled.rays)
     }
 
-    /// The visible parts, the one that is seen most last, and a flag for each part that is hidden. Parts outside
-    /// the level are hidden if others are in a room.
+    /// The visible parts, the one that is seen most last, and a flag for each part that is hidden.
+    /// Parts outside the level are hidden if others are in a room.
     fn seen_parts<F: Footprint>(&self, all: &Sorted<F>) -> (Vec<Seen>, Vec<bool>) {
         let mut hidden = vec![false; all.parts()];
         let dark: Vec<[f32; 2]> = (0..all.parts())

@@ -114,6 +114,7 @@ impl Order<'_> {
         let (key, inputs) = self.inputs(&opened);
         work.check_inputs(&key, &inputs)?;
         let (light, file) = work.solution()?;
+        let light = Box::new(light);
         let solved = Solved::Elsewhere { light, file };
         outside.solved = Some(match work.description.carried {
             false => solved,

@@ -170,7 +170,7 @@ pub(crate) struct Outside {
 pub(crate) enum Solved {
     /// By another process.
     Elsewhere {
-        light: StoredSolution,
+        light: Box<StoredSolution>,
         /// The file that it was read from.
         file: PathBuf,
     },

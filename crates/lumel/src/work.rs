@@ -22,7 +22,7 @@ use crate::open::Changes;
 use crate::record::PROGRAM;
 
 /// Raised when the format of the folder changes.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// Name of the file that describes the work.
 pub(crate) const WORK: &str = "work.json";
