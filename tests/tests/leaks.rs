@@ -609,6 +609,46 @@ fn a_floor_in_a_crate_casts_no_rays() {
 }
 
 #[test]
+fn a_slit_behind_a_board_draws_no_line_before_it() {
+    // A board of 1 m stands on the floor, 8 cm before a wall. Two thirds of each lumel that it cuts
+    // are in the slit behind it, where hardly any light arrives and nobody looks.
+    let floor = quad([
+        Vec3::new(-1.0, 0.0, -0.08),
+        Vec3::new(-1.0, 0.0, 1.92),
+        Vec3::new(1.0, 0.0, 1.92),
+        Vec3::new(1.0, 0.0, -0.08),
+    ]);
+    let solid = |from: f32, to: f32, high: f32| {
+        let (low, high) = (Vec3::new(-1.5, -0.1, from), Vec3::new(1.5, high, to));
+        Geometry::union(&box_faces(low, high, 1))
+    };
+    let (wall, board) = (solid(-0.3, -0.08, 2.0), solid(0.0, 0.01, 1.0));
+    let glb = lit(
+        &[("floor", &floor), ("wall", &wall), ("board", &board)],
+        0.5,
+        &[],
+    );
+    let settings = Settings {
+        sky: SkySource::Color([1.0; 3]),
+        cut_charts: false,
+        ..at(8.0)
+    };
+    let mut cut = 0;
+    for l in lumels_of(&crate::common::bake(&glb, &settings), "floor") {
+        let [behind, before] = [
+            l.points.iter().any(|p| p.z < 0.0),
+            l.points.iter().any(|p| p.z > 0.01),
+        ];
+        if behind && before {
+            cut += 1;
+            // Before the board the sky alone brings π/2; behind it, a tenth of that at most.
+            assert!(l.red() > 1.2, "{} at {}", l.red(), l.points[0]);
+        }
+    }
+    assert!(cut > 10, "{cut}");
+}
+
+#[test]
 fn night_outside_of_a_room_draws_no_line_along_its_walls() {
     // A room of 2 m with skins on both sides of its walls, 2 mm apart, and a lamp; its floor goes on
     // outside, where it is night. Lumels are 12.5 cm wide; the walls leave any part of them outside.
