@@ -51,10 +51,7 @@ fn parents(from: &Soup, to: &Soup) -> Option<Vec<u32>> {
     }
     let mut parents = vec![0; to.seen()];
     for (old, new) in before.values().zip(after.values()) {
-        let same = |(a, b): (&u32, &u32)| {
-            from.triangles[*a as usize] == to.triangles[*b as usize]
-                && from.materials[*a as usize] == to.materials[*b as usize]
-        };
+        let same = |(a, b): (&u32, &u32)| from.triangles[*a as usize] == to.triangles[*b as usize];
         if old.len() == new.len() && old.iter().zip(new).all(same) {
             (old.iter().zip(new)).for_each(|(a, b)| parents[*b as usize] = *a);
             continue;
@@ -76,31 +73,36 @@ fn parents(from: &Soup, to: &Soup) -> Option<Vec<u32>> {
     Some(parents)
 }
 
-/// The triangle that contains the middle of a part; of several, the one that contains it best.
+/// The triangle that contains the middle of a part; of several, one of the same material, and then
+/// the one that contains it best. A cut can move a material to another number.
 fn parent((from, old, tree): (&Soup, &[u32], &Bvh), (to, part): (&Soup, u32)) -> Option<u32> {
     let own = to.triangles[part as usize];
     let [a, b, c] = own;
     let middle = (a + b + c) / 3.0;
     let reach = OFF * (b - a).length().max((c - a).length());
     let normal = to.normals[part as usize];
-    let mut best: Option<(f32, u32)> = None;
+    let mut best: Option<(bool, f32, u32)> = None;
     tree.any_near(middle - reach, middle + reach, |i, corners| {
         let t = old[i as usize];
-        let alike = normal.dot(from.normals[t as usize]) >= FACING
-            && from.materials[t as usize] == to.materials[part as usize]
-            && (own.iter()).all(|p| normal.dot(*p - corners[0]).abs() <= reach);
+        // The part may be a sliver, whose own normal is less certain.
+        let up = from.normals[t as usize];
+        let alike = normal.dot(up) >= FACING
+            && (own.iter()).all(|p| up.dot(*p - corners[0]).abs() <= reach);
         let [u, v] = weights(corners, middle);
         let inside = match from.triangles[t as usize] == own {
             true => f32::INFINITY,
             false => u.min(v).min(1.0 - u - v),
         };
-        let better = best.is_none_or(|(most, other)| inside > most || inside == most && t < other);
+        let kind = from.materials[t as usize] == to.materials[part as usize];
+        let better = best.is_none_or(|(same, most, other)| {
+            (kind, inside) > (same, most) || (kind, inside) == (same, most) && t < other
+        });
         if alike && inside >= INSIDE && better {
-            best = Some((inside, t));
+            best = Some((kind, inside, t));
         }
         false
     });
-    best.map(|(_, t)| t)
+    best.map(|(_, _, t)| t)
 }
 
 #[cfg(test)]
