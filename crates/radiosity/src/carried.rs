@@ -36,7 +36,7 @@ impl Solution {
 }
 
 /// For each triangle of `to` that rays see, the one of `from` that it is a part of, where each has
-/// one. O(n log n).
+/// one. O(n log n), but for faces of one instance that coincide, of which each part looks at all.
 fn parents(from: &Soup, to: &Soup) -> Option<Vec<u32>> {
     let of_instance = |soup: &Soup| {
         let mut all: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -74,7 +74,7 @@ fn parents(from: &Soup, to: &Soup) -> Option<Vec<u32>> {
 }
 
 /// The triangle that contains the middle of a part; of several, one of the same material, and then
-/// the one that contains it best. A cut can move a material to another number.
+/// the one that contains it best.
 fn parent((from, old, tree): (&Soup, &[u32], &Bvh), (to, part): (&Soup, u32)) -> Option<u32> {
     let own = to.triangles[part as usize];
     let [a, b, c] = own;
