@@ -49,7 +49,7 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
     )?;
     if e.planned_twice {
         let why = "light differs on both sides of thin walls, sheets or edges of shadows";
-        writeln!(out, "solve     charts and solve twice: {why}")?;
+        writeln!(out, "charts    planned twice: {why}")?;
     }
     writeln!(
         out,
