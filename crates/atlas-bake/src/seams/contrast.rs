@@ -2,9 +2,9 @@
 //!
 //! Along a seam, bilinear lookups are piecewise linear with knots at texel centres, which differ
 //! between the two sides. Both can only agree if both are straight. Where light bends along the
-//! seam, e.g. at a crossing shadow edge, forced agreement smears the shadow over several texels and
-//! moves lumels away from their true values. The error of linear interpolation, an eighth of the
-//! second difference, measures this.
+//! seam, e.g. at a crossing shadow edge or where something stands on the floor, forced agreement
+//! straightens it over several texels, which shows as a streak along the seam. The error of linear
+//! interpolation, an eighth of the second difference, measures this.
 
 use glam::Vec2;
 
@@ -12,27 +12,29 @@ use crate::page::Page;
 use crate::seams::pairs::Sample;
 use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 
-/// Misfit, relative to the light, at which agreement has a quarter of its weight; a step of all the
-/// light has 0.125. With a third of this value, the shadows of a demo level leave 1 % of its seams
-/// 12 % apart. Without a limit, lookups on a sphere are a sixth farther from the truth.
-const BENT: f32 = 0.12;
+/// Weight of agreement, against unchanged texels, where light is even. At 1e5, the seams of kits
+/// agree better than needed, and lookups on spheres are a fifth further from the truth.
+const AGREE: f32 = 2e4;
 
-/// Lower bound of the weight: a step that is reduced everywhere is less visible than one that
-/// remains.
-const MIN_WEIGHT: f32 = 0.1;
+/// Where light bends, sides may differ by the misfit over this before it counts as much as a lumel
+/// that changes by all of its light. At 1, half of a streak remains; at 0.1, levels look alike, and
+/// kits lose a little.
+const BENT: f32 = 0.3;
 
-/// Weight of agreement at this misfit, relative to the light: 1 down to [`MIN_WEIGHT`].
-pub(super) fn faith(misfit: f32) -> f32 {
-    (1.0 + (misfit / BENT).powi(4)).powi(-2).max(MIN_WEIGHT)
+/// Weight of agreement at this misfit, relative to the light; 0 if it is infinite.
+pub(super) fn weight(misfit: f32) -> f32 {
+    (AGREE.recip() + (misfit / BENT).powi(2)).recip()
 }
 
-/// An eighth of the largest second difference along the seam, over five texels of either side.
+/// An eighth of the largest second difference along the seam, over five texels of either side. Other
+/// charts do not count, nor do lumels inside something, which have no light of their own.
 pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
     let mut most = 0f32;
     for k in 0..2 {
         let (p, at) = s.sides[k];
         let page = &pages[p as usize];
         let charts = &texels.chart[p as usize];
+        let hidden = &texels.hidden[p as usize];
         let own = lookup(page.size(), at)
             .into_iter()
             .fold(
@@ -42,8 +44,11 @@ pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
                 },
             )
             .1;
-        let light = [-2.0, -1.0, 0.0, 1.0, 2.0f32]
-            .map(|x| light_in(page, charts, own, at + s.along[k] * x));
+        let light = [-2.0, -1.0, 0.0, 1.0, 2.0f32].map(|x| {
+            light_if(page, at + s.along[k] * x, |t| {
+                charts[t] == own && !hidden[t]
+            })
+        });
         for l in light.windows(3) {
             if let [Some(a), Some(b), Some(c)] = l {
                 most = most.max((a - 2.0 * b + c).abs() / 8.0);
@@ -53,11 +58,11 @@ pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
     most
 }
 
-/// Light of a lookup, if it only reads this chart.
-fn light_in(page: &Page, charts: &[u32], chart: u32, at: Vec2) -> Option<f32> {
+/// Light of a lookup, if it only reads texels that count.
+fn light_if(page: &Page, at: Vec2, counts: impl Fn(usize) -> bool) -> Option<f32> {
     let mut sum = 0.0;
     for (t, w) in lookup(page.size(), at) {
-        if w > 1e-3 && charts[t] != chart {
+        if w > 1e-3 && !counts(t) {
             return None;
         }
         sum += w * light_at(page, t);
@@ -117,11 +122,13 @@ mod tests {
     }
 
     #[test]
-    fn agreement_counts_less_across_a_step_but_not_nothing() {
-        assert_eq!(faith(0.0), 1.0);
-        // A step of all the light, and one of an eighth of it.
-        assert!(faith(0.125) < 0.25);
-        assert!(faith(0.016) > 0.99);
-        assert_eq!(faith(10.0), MIN_WEIGHT);
+    fn agreement_counts_less_where_light_bends() {
+        assert_eq!(weight(0.0), AGREE);
+        // What is left of the seams' contrast at a step of all the light is not worth a streak: its
+        // weight is that of a few lumels. A hundredth of it is no step.
+        let step = weight(0.125);
+        assert!((1.0..10.0).contains(&step), "{step}");
+        assert!(weight(0.00125) > 0.5 * AGREE);
+        assert_eq!(weight(f32::INFINITY), 0.0);
     }
 }

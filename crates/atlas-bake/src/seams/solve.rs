@@ -5,7 +5,7 @@
 //!
 //! Σ_s W ℓ_s ((a_s − b_s) / σ_s)² + Σ_i c_i (d_i / σ_i)² + Σ_(i,j) G ((d_i − d_j) / σ_ij)²
 //!
-//! W decreases with the light's contrast along the seam ([`contrast`](super::contrast)), ℓ is the
+//! W decreases where light bends along the seam ([`contrast`](super::contrast)), ℓ is the
 //! seam's length in texels, and c the texel's coverage. σ is the local light relative to the mean,
 //! plus 1 %, because visible errors are relative to it. The third sum, over neighbours in a chart,
 //! makes changes fade out over a few texels instead of forming a step next to the seam.
@@ -14,7 +14,7 @@ use glam::Vec4;
 
 use crate::page::Page;
 use crate::seams::bounds::bounds;
-use crate::seams::contrast::{faith, misfit};
+use crate::seams::contrast::{misfit, weight};
 use crate::seams::least::least;
 use crate::seams::matrix::Matrix;
 use crate::seams::measure::{SeamError, SeamReport, quantiles};
@@ -23,13 +23,9 @@ use crate::seams::rows::{
     EMPTY, Row, TexelList, Texels, beside, light_at, lookup, mean_light, narrow,
 };
 
-/// W: weight of agreement against unchanged texels, where light is even. At 1e5, the seams of kits
-/// agree better than needed, and lookups on spheres are a fifth further from the truth.
-const AGREE: f32 = 2e4;
-
-/// Factor on W in narrow charts, which have no light of their own to preserve. Without it, Sponza's
-/// seams stay 1.4 % apart.
-const AGREE_NARROW: f32 = 10.0;
+/// W in narrow charts, which have no light of their own to preserve. At 2e4, Sponza's seams stay
+/// 1.4 % apart.
+const AGREE_NARROW: f32 = 2e5;
 
 /// Light is continuous across a seam if one side has at most this many times the light of the
 /// other. Beyond it, one side is under or behind something, or light falls off within a lumel.
@@ -248,13 +244,11 @@ impl Stitcher {
             }
         }
         for row in &mut self.rows {
-            let narrow = row.in_narrow(&self.narrow);
-            let faith = match (narrow, row.misfit.is_finite()) {
-                (true, _) => AGREE_NARROW,
-                (false, true) => faith(row.misfit),
-                (false, false) => 0.0,
+            let agree = match row.in_narrow(&self.narrow) {
+                true => AGREE_NARROW,
+                false => weight(row.misfit),
             };
-            row.agree = AGREE * faith * row.texels_long / (row.scale / mean).powi(2);
+            row.agree = agree * row.texels_long / (row.scale / mean).powi(2);
         }
         self.places = list.places;
     }
@@ -535,6 +529,31 @@ mod tests {
         for dark in [0.4, 0.01] {
             let (least, _) = after(dark);
             assert!(least > 0.999, "{least}");
+        }
+    }
+
+    #[test]
+    fn a_step_along_a_seam_stays_a_step() {
+        // Something stands on a floor of two charts, whose grids are half a lumel apart: from 11 on,
+        // the floor is nearly dark.
+        let (mut samples, mut pages, texels) = strips();
+        for s in &mut samples {
+            s.sides[1].1.x += 0.5;
+        }
+        for i in 0..pages[0].value.len() {
+            let (x, y) = (i % 24, i / 24);
+            let lit = (11.0 + if y < 7 { 0.0 } else { 0.5 } - x as f32).clamp(0.0, 1.0);
+            pages[0].value[i] = [0.1 + 0.9 * lit; 3];
+            // Not narrow.
+            if !(4..=9).contains(&y) {
+                pages[0].coverage[i] = 1.0;
+            }
+        }
+        let (_, after) = stitched(&samples, &pages, &texels);
+        // At these two lumels 0.03 is left; with agreement as where light is even it would be 0.18.
+        for (y, x) in [4, 9].into_iter().flat_map(|y| [8, 9].map(|x| (y, x))) {
+            let light = after[0].value[y * 24 + x][0];
+            assert!((light - 1.0).abs() < 0.05, "{x}, {y}: {light}");
         }
     }
 
