@@ -2,17 +2,22 @@
 """Does a bake know its own error? Claimed against true error over generated levels.
 
     tools/true_error.py --out DIR [--seeds A..B] [--families F,G] [--quality Q,R] [--lumels 400]
-                        [--paths 2048] [--lumel PATH] [--bin DIR] [--label NAME]
+                        [--paths 2048] [--lumel PATH] [--bin DIR] [--label NAME] [--cameras]
 
 For every family and seed: draws a small level, bakes it, and compares randomly drawn lumels with
 the tests' path tracer (`path-trace --lumels`), which shares no code with the baker. Adds a row to
-DIR/true_error.csv: the claims of the report, and the true errors of the lit lumels that lie wholly
-on the surface and that the cameras see in full. Truths are kept in DIR by atlas. Levels with skies
-from files, textures or other things that the path tracer does not model are left out.
+DIR/true_error.csv: the claims of the report, and the true errors of the lit lumels, by the light of
+the part of them that can be seen. They count as claims count them: by this part's area and the
+fraction of directions that go far. `--cameras` counts those that the cameras see in full, all alike.
+Truths are kept in DIR by atlas. Levels with skies from files, textures or other things that the
+path tracer does not model are left out.
 
-Error: (bake - truth) / (truth + 1 % of the mean truth), by luminance. Root mean squares have the
-truth's own noise subtracted, medians do not: they need many paths. The path tracer has no smooth
-shading, so levels with it (cave, terrain, stairs) differ for another reason.
+Error: (bake - truth) / (truth + 1 % of the mean truth), by luminance, at most 1 as in the report.
+Root mean squares have the
+truth's own noise subtracted, medians do not: they need many paths. `spread` is the standard
+deviation of true_rms over resampled lumels; the summary judges levels where it is at most a quarter
+of it, and counts the others. The path tracer has no smooth shading, so levels with it (cave,
+terrain, stairs) differ for another reason.
 Needs OpenEXR and numpy (tools/setup.sh).
 """
 import argparse
@@ -30,8 +35,9 @@ import OpenEXR
 
 ROOT = Path(__file__).resolve().parent.parent
 FIELDS = ["label", "level", "quality", "lumels", "claimed_rms", "true_rms", "claimed_median",
-          "true_median", "layer_rms", "bias", "noise_rms", "seconds"]
+          "true_median", "spread", "layer_rms", "bias", "noise_rms", "seconds"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+JUDGED = 0.25
 FAMILIES = ("archviz", "blocks", "furniture", "greybox", "kit", "lamps", "maze", "sheets", "suite")
 
 
@@ -49,9 +55,10 @@ def read_pages(folder):
 
 
 def truth(glb, pages, sky, a):
-    """A row per drawn lumel: page, column, row, coverage, E (3), its errors (3), of luminance"""
+    """A row per drawn lumel: page, column, row, coverage, E (3), the error of its luminance, the
+    part that is seen, the fraction of directions that go far, whether a camera sees it"""
     sizes = ",".join("%dx%d" % p["R"].shape[::-1] for p in pages)
-    key = hashlib.sha256(glb.read_bytes() + repr((sky, sizes, a.lumels, a.paths)).encode())
+    key = hashlib.sha256(glb.read_bytes() + repr((sky, sizes, a.lumels, a.paths, 5)).encode())
     kept = a.out / "truth" / (key.hexdigest()[:20] + ".csv")
     if not kept.exists():
         kept.parent.mkdir(exist_ok=True)
@@ -79,37 +86,57 @@ def compare(level, quality, a):
     if rows is None:
         return None
     report = json.loads((folder / (level.stem + ".report.json")).read_text())["gather"]
-    rows = rows[rows[:, 3] > 0.999]
+    coverage, noise, part, far, watched = rows[:, 3], *rows[:, 7:11].T
+    if a.cameras:
+        kept, weight = (watched > 0) & (coverage > 0.999), np.ones(len(rows))
+    else:
+        kept, weight = part > 0, coverage * part * far
     at = [tuple(map(int, r[:3])) for r in rows]
 
     def baked(name):
         return np.array([pages[p][name][y, x] for p, x, y in at]) * np.pi
     light = sum(baked(c) * w for c, w in zip("RGB", LUMINANCE))
     error = baked("error.Y")
-    true, noise = rows[:, 4:7] @ LUMINANCE, rows[:, 10]
-    mean = true.mean()
-    lit = (true > 1e-3 * mean) & (light > 1e-3 * mean)
-    scale = (true + 0.01 * mean)[lit]
-    off, noise = (light - true)[lit] / scale, noise[lit] / scale
-    square = max(np.mean(off ** 2) - np.mean(noise ** 2), 0.0)
+    true = rows[:, 4:7] @ LUMINANCE
+    mean = np.average(true, weights=coverage)
+    lit = kept & (true > 1e-3 * mean) & (light > 1e-3 * mean)
+    scale, weight = (true + 0.01 * mean)[lit], weight[lit]
+    off, noise = np.clip((light - true)[lit] / scale, -1, 1), noise[lit] / scale
+    claimed = np.minimum(error[lit] / scale, 1)
+
+    def rms(x, w=weight):
+        return max(np.average(x, weights=w), 0.0) ** 0.5
+    square = off ** 2 - noise ** 2
+    random = np.random.default_rng(1)
+    draws = [random.integers(len(off), size=len(off)) for _ in range(200)]
+    order = np.argsort(np.abs(off))
+    half = order[np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]
     # Dividing by a noisy truth is too large by the square of its noise, on average.
-    bias = off.mean() - np.mean(noise ** 2)
+    bias = np.average(off - noise ** 2, weights=weight)
     return {"label": a.label, "level": level.stem, "quality": quality, "lumels": int(lit.sum()),
             "claimed_rms": report["estimated_error"], "claimed_median": report["median_error"],
-            "true_rms": square ** 0.5, "true_median": np.median(np.abs(off)),
-            "layer_rms": np.mean((error[lit] / scale) ** 2) ** 0.5, "bias": bias,
-            "noise_rms": np.mean(noise ** 2) ** 0.5, "seconds": seconds}
+            "true_rms": rms(square), "true_median": abs(off[half]),
+            "spread": np.std([rms(square[d], weight[d]) for d in draws]),
+            "layer_rms": rms(claimed ** 2), "bias": bias,
+            "noise_rms": rms(noise ** 2), "seconds": seconds}
 
 
 def summary(rows):
     for quality in sorted({r["quality"] for r in rows}):
-        for name in ("rms", "median"):
-            ratio = np.array([float(r["claimed_" + name]) / max(float(r["true_" + name]), 1e-9)
-                              for r in rows if r["quality"] == quality])
-            near = [np.mean((ratio > 1 / x) & (ratio < x)) for x in (1.5, 2.5)]
-            print("%s, claimed / true %s: %d levels, median %.2f, %.2f to %.2f; %.0f %% within "
-                  "1.5, %.0f %% within 2.5" % (quality, name, len(ratio), np.median(ratio),
-                                               ratio.min(), ratio.max(), *(100 * x for x in near)))
+        all_rows = [r for r in rows if r["quality"] == quality]
+        known = [r for r in all_rows
+                 if float(r["spread"]) <= JUDGED * float(r["true_rms"])]
+        for name, true, judged in (("claimed_rms", "true_rms", known),
+                                   ("layer_rms", "true_rms", known),
+                                   ("claimed_median", "true_median", all_rows)):
+            ratio = np.array([float(r[name]) / max(float(r[true]), 1e-9) for r in judged])
+            if not len(ratio):
+                continue
+            near = [np.sum((ratio > 1 / x) & (ratio < x)) for x in (1.5, 2.5)]
+            print("%s, %s / %s: median %.2f, %.2f to %.2f; of %d levels %d within 1.5, %d within "
+                  "2.5; %d not known" % (quality, name, true, np.median(ratio), ratio.min(),
+                                         ratio.max(), len(ratio), *near,
+                                         len(all_rows) - len(ratio)))
 
 
 def main():
@@ -123,6 +150,7 @@ def main():
     parser.add_argument("--bin", type=Path, default=ROOT / "target/release")
     parser.add_argument("--lumel", type=Path)
     parser.add_argument("--label", default="today")
+    parser.add_argument("--cameras", action="store_true")
     parser.add_argument("--option", action="append", default=[])
     a = parser.parse_args()
     a.lumel = a.lumel or a.bin / "lumel"

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::between::interpolate;
 use crate::blocks::in_blocks;
-use crate::certainty::{Certainty, scale};
+use crate::certainty::{Certainty, relative, scale};
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::options::GatherOptions;
@@ -119,10 +119,11 @@ fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f
             let Some(scale) = scale(r, mean) else {
                 return Relative::default();
             };
-            let times = seen(l, r) / f64::from(scale).powi(2);
+            let square = seen(l, r) * relative(r.error(), scale).powi(2);
+            let direct = f64::from(r.direct_variance / r.variance().max(f32::MIN_POSITIVE));
             Relative {
-                direct: f64::from(r.direct_variance) * times,
-                indirect: f64::from(r.indirect_variance) * times,
+                direct: square * direct,
+                indirect: square * (1.0 - direct),
             }
         })
         .collect();
@@ -175,7 +176,7 @@ fn claims(lumels: &Lumels, received: &[Received]) -> Vec<Claim> {
     (lumels.lumels.iter().zip(received))
         .filter_map(|(l, r)| {
             Some(Claim {
-                error: f64::from(r.error() / scale(r, mean)?),
+                error: relative(r.error(), scale(r, mean)?),
                 seen: seen(l, r),
             })
         })

@@ -5,7 +5,7 @@ use std::f32::consts::FRAC_1_PI;
 use radiosity::luminance;
 use serde::Serialize;
 
-use crate::certainty::{basis, scale_of};
+use crate::certainty::{basis, relative, scale_of};
 use crate::map::LumelMap;
 use crate::reach::{Claim, Reached, mean_square, seen};
 use crate::received::Edge;
@@ -33,8 +33,9 @@ pub struct LightReport {
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over the visible area of lit lumels of standard
-    /// error / (value + 1 % of the mean). Within a factor of 1.5 of the true one on the scenes of lab/error.md. NaN
-    /// (null in JSON) if no lumel is lit, because nothing was measured.
+    /// error / (value + 1 % of the mean), at most 1 for each. Within a factor of 1.5 of the true one
+    /// on the scenes of lab/error.md. NaN (null in JSON) if no lumel is lit, because nothing was
+    /// measured.
     pub estimated_error: f64,
     /// Median of the same, i.e. the error of a typical lumel; the root mean square
     /// is dominated by the worst corners. NaN like [`estimated_error`](Self::estimated_error).
@@ -131,7 +132,7 @@ impl Totals {
         let mut claims: Vec<Claim> = (errors.items().iter())
             .filter_map(|e| {
                 Some(Claim {
-                    error: f64::from(e.error / scale_of(e.light, mean)?),
+                    error: relative(e.error, scale_of(e.light, mean)?),
                     seen: f64::from(e.seen),
                 })
             })

@@ -7,10 +7,11 @@
 //! of `tests/tests/second_method.rs` as files.
 //!
 //! `path-trace --lumels BAKED.glb WxH[,WxH…] COUNT [PATHS [SEED [R,G,B]]]` draws COUNT lumels of a
-//! bake whose pages have these sizes, of those that the scene's cameras see in full, in whatever
-//! direction they look. For each, a line gives page, column, row, coverage (0 to 1), and the same
-//! seven values, as means over the lumel's part of the surface.
-//! `tools/true_error.py` uses it.
+//! bake whose pages have these sizes. For each, a line gives page, column, row, coverage (0 to 1);
+//! E in R, G and B of the part of its surface that can be seen, the standard error of its
+//! luminance, this part's fraction, and the fraction of rays that go far
+//! ([`Seen`](lumel_tests::path_tracer::Seen)); and whether a camera of the scene sees the lumel in
+//! full, in whatever direction it looks (0 or 1). `tools/true_error.py` uses it.
 #![allow(clippy::print_stdout, reason = "a program whose output is a table")]
 
 use std::error::Error;
@@ -113,16 +114,18 @@ fn lumels(baked: &str, sizes: &str, count: &str, rest: &[String]) -> Result<(), 
         pages.push([width.parse()?, height.parse()?]);
     }
     let tree = Tree::new(scene.triangles.clone());
-    let mut seen = footprints(&scene, &pages);
-    if !eyes.is_empty() {
-        seen.retain(|lumel| eyes.iter().any(|eye| sees(*eye, lumel, &scene, &tree)));
-    }
-    let drawn = choose(seen, count.parse()?, effort.seed);
-    let light = PathTracer::new(scene).irradiance(&drawn, effort);
-    for (lumel, light) in drawn.iter().zip(&light) {
+    let drawn = choose(footprints(&scene, &pages), count.parse()?, effort.seed);
+    let watched: Vec<bool> = drawn
+        .iter()
+        .map(|lumel| eyes.iter().any(|eye| sees(*eye, lumel, &scene, &tree)))
+        .collect();
+    let seen = PathTracer::new(scene).seen(&drawn, effort);
+    for ((lumel, seen), watched) in drawn.iter().zip(&seen).zip(&watched) {
         let [column, row] = lumel.texel;
-        let coverage = lumel.coverage;
-        println!("{},{column},{row},{coverage},{}", lumel.page, values(light));
+        let (page, coverage, watched) = (lumel.page, lumel.coverage, u8::from(*watched));
+        let ([r, g, b], noise) = (seen.light.to_array(), seen.luminance_error);
+        let (part, far) = (seen.part, seen.far);
+        println!("{page},{column},{row},{coverage},{r},{g},{b},{noise},{part},{far},{watched}");
     }
     Ok(())
 }

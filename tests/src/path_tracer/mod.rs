@@ -31,5 +31,5 @@ mod tests;
 pub use compare::{Bias, Comparison, Pair};
 pub use footprint::{Footprint, choose, footprints};
 pub use scene::{Light, Scene, Surface, Triangle};
-pub use trace::{Effort, EmitterSampling, Estimate, PathTracer, luminance};
+pub use trace::{Effort, EmitterSampling, Estimate, PathTracer, Seen, luminance};
 pub use tree::{Hit, Ray, Tree};

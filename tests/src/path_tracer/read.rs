@@ -24,7 +24,7 @@ impl Scene {
     /// # Errors
     /// A sentence, for a file that is invalid or contains anything that affects light and is not
     /// modelled here: textures on surfaces, vertex colours, alpha, sparse or quantised accessors,
-    /// skins, morph targets, light ranges, required extensions. Nothing is guessed.
+    /// skins, morph targets, ranges and radii of lights, required extensions. Nothing is guessed.
     pub fn from_glb(bytes: &[u8]) -> Result<Scene> {
         let file = File::parse(bytes)?;
         if let Some(required) = file.json["extensionsRequired"].as_array()
@@ -294,6 +294,9 @@ fn punctual(light: &Value, to_world: DMat4) -> Result<Light> {
     if !light["range"].is_null() {
         return Err("a light has a range".into());
     }
+    if !light["extras"]["lumel"]["radius"].is_null() {
+        return Err("a light has a radius".into());
+    }
     let intensity = vec3(&light["color"], DVec3::ONE) * light["intensity"].as_f64().unwrap_or(1.0);
     let position = to_world.transform_point3(DVec3::ZERO);
     let direction = to_world.transform_vector3(DVec3::NEG_Z).normalize();
@@ -313,6 +316,11 @@ fn punctual(light: &Value, to_world: DMat4) -> Result<Light> {
         Some("directional") => Ok(Light::Directional {
             direction,
             irradiance: intensity,
+            radius: 0.5
+                * light["extras"]["lumel"]["angle"]
+                    .as_f64()
+                    .unwrap_or(0.0)
+                    .to_radians(),
         }),
         other => Err(format!("a light of type {other:?}")),
     }

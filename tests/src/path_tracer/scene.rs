@@ -75,12 +75,14 @@ pub enum Light {
         /// Half-angle at which it ends, radians.
         outer: f64,
     },
-    /// Parallel light.
+    /// Light from a disc at infinity.
     Directional {
         /// Direction in which light travels, unit.
         direction: DVec3,
         /// Irradiance on a surface that faces it, W/m² (lux).
         irradiance: DVec3,
+        /// Half the angle of its disc, rad.
+        radius: f64,
     },
 }
 

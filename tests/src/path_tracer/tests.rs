@@ -79,6 +79,22 @@ fn a_spot_and_a_sun_have_no_noise() {
 }
 
 #[test]
+fn a_wide_sun_on_a_floor() {
+    // The vector irradiance of a disc of even radiance lies along its axis.
+    let turned = Vec3::new(3f32.sqrt(), -1.0, 0.0) / 2.0;
+    let mut scene = Scene::from_glb(&forms::sun_over_floor(7.0, turned)).expect("a floor");
+    for light in &mut scene.lights {
+        let Light::Directional { radius, .. } = light else {
+            panic!("{light:?}");
+        };
+        *radius = 0.4;
+    }
+    let t = PathTracer::new(scene);
+    let e = t.irradiance(&[floor_point(&t, 0.25, 0.0)], Effort::new(20_000, 1))[0];
+    assert!(e.error.x > 0.0 && z(&e, 3.5).abs() < WORST_Z, "{e:?}");
+}
+
+#[test]
 fn a_rectangle_over_a_floor() {
     let t = tracer(&forms::rectangle_over_floor(2.0, 1.0, 0.7));
     let places = [(0.0, 0.0), (0.4, 0.1), (0.5, 0.5), (1.5, -0.3), (-1.9, 1.9)];
@@ -398,11 +414,13 @@ fn nodes_place_what_they_hold() {
         Light::Directional {
             direction,
             irradiance,
+            radius,
         },
     ] = scene.lights[..]
     else {
         panic!("{:?}", scene.lights);
     };
+    assert_eq!(radius, 0.0);
     assert!(direction.distance(DVec3::NEG_X) < 1e-6 && irradiance.distance(DVec3::X * 7.0) < 1e-6);
 }
 

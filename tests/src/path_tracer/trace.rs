@@ -71,6 +71,30 @@ pub struct Estimate {
     pub luminance_error: f64,
 }
 
+/// The light of the part of a footprint that can be seen from elsewhere: its points from which at
+/// least a twentieth of the rays end in the sky or on a front, farther away than three times the
+/// footprint's size, and at most half of them on backs. So neither slits nor the inside of solids
+/// count.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Mean irradiance of this part, linear RGB; 0 if there is none.
+    pub light: DVec3,
+    /// Standard error of its luminance.
+    pub luminance_error: f64,
+    /// This part's fraction of the footprint.
+    pub part: f64,
+    /// Fraction of all rays that go far.
+    pub far: f64,
+}
+
+/// Sizes of a footprint that a ray must go to be far, and the fraction of such rays that a point
+/// must have.
+const FAR: f64 = 3.0;
+const SLIT: f64 = 0.05;
+/// Points of a footprint, and rays from each that look around.
+const POINTS: u32 = 256;
+const DIRECTIONS: u32 = 40;
+
 /// Rec.709 luminance of linear RGB.
 pub fn luminance(rgb: DVec3) -> f64 {
     rgb.dot(DVec3::new(0.2126, 0.7152, 0.0722))
@@ -137,6 +161,77 @@ impl PathTracer {
             .collect()
     }
 
+    /// What can be seen of each footprint, in their order. `effort.paths` are spread over
+    /// [`POINTS`] points.
+    pub fn seen(&self, footprints: &[Footprint], effort: Effort) -> Vec<Seen> {
+        footprints
+            .par_iter()
+            .enumerate()
+            .map(|(i, footprint)| self.seen_of(footprint, i as u64, effort))
+            .collect()
+    }
+
+    fn seen_of(&self, footprint: &Footprint, stream: u64, effort: Effort) -> Seen {
+        let mut rng = Random::new(effort.seed, stream);
+        let beyond = FAR * footprint.area.sqrt();
+        let (mut sum, mut square, mut seen) = (DVec3::ZERO, 0.0, 0.0);
+        let mut values = Vec::new();
+        let mut all_far = 0;
+        for _ in 0..POINTS {
+            let (triangle, position) =
+                footprint.point(&self.scene, rng.next(), [rng.next(), rng.next()]);
+            let start = Vertex {
+                position,
+                normal: self.normals[triangle],
+                triangle,
+            };
+            let [far, backs] = self.look_around(&start, beyond, &mut rng);
+            all_far += far;
+            if f64::from(far) < SLIT * f64::from(DIRECTIONS) || 2 * backs > DIRECTIONS {
+                continue;
+            }
+            let paths = effort.paths.div_ceil(POINTS);
+            let mut light = DVec3::ZERO;
+            for _ in 0..paths {
+                light += self.path(start, &mut rng, effort) / f64::from(paths);
+            }
+            seen += 1.0;
+            sum += light;
+            values.push(luminance(light));
+        }
+        let light = sum / f64::max(seen, 1.0);
+        for v in values {
+            square += (v - luminance(light)).powi(2);
+        }
+        Seen {
+            light,
+            luminance_error: (square / f64::max(seen * (seen - 1.0), 1.0)).sqrt(),
+            part: seen / f64::from(POINTS),
+            far: f64::from(all_far) / f64::from(POINTS * DIRECTIONS),
+        }
+    }
+
+    /// How many random rays from `x` end in the sky or on a front, farther than `beyond`; and how
+    /// many on backs.
+    fn look_around(&self, x: &Vertex, beyond: f64, rng: &mut Random) -> [u32; 2] {
+        let (mut far, mut backs) = (0, 0);
+        for _ in 0..DIRECTIONS {
+            let direction = cosine_direction(x.normal, rng);
+            let hit = self.tree.closest(&Ray {
+                origin: x.position,
+                direction,
+                t_max: f64::INFINITY,
+                skip: [x.triangle; 2],
+            });
+            let is_back = hit
+                .as_ref()
+                .is_some_and(|h| self.normals[h.triangle].dot(direction) >= 0.0);
+            backs += u32::from(is_back);
+            far += u32::from(!is_back && hit.is_none_or(|h| h.t > beyond));
+        }
+        [far, backs]
+    }
+
     fn estimate(&self, footprint: &Footprint, stream: u64, effort: Effort) -> Estimate {
         let mut rng = Random::new(effort.seed, stream);
         // Welford's running mean and squared deviations; luminance as a fourth channel.
@@ -177,7 +272,7 @@ impl PathTracer {
         let mut x = start;
         let mut bounces = 0;
         loop {
-            sum += weight * self.punctual(&x);
+            sum += weight * self.punctual(&x, rng);
             if effort.emitters != EmitterSampling::Hits {
                 sum += weight * self.emitter_point(&x, rng, effort.emitters);
             }
@@ -241,14 +336,19 @@ impl PathTracer {
     }
 
     /// Irradiance at `x` from every punctual light.
-    fn punctual(&self, x: &Vertex) -> DVec3 {
+    fn punctual(&self, x: &Vertex, rng: &mut Random) -> DVec3 {
         let mut sum = DVec3::ZERO;
         for light in &self.scene.lights {
             let (direction, t_max, arriving) = match *light {
                 Light::Directional {
                     direction,
                     irradiance,
-                } => (-direction, f64::INFINITY, irradiance),
+                    radius,
+                } => {
+                    let towards = direction_around(-direction, radius.sin(), rng);
+                    let facing = towards.dot(-direction);
+                    (towards, f64::INFINITY, irradiance / facing)
+                }
                 Light::Point {
                     position,
                     intensity,
@@ -341,15 +441,21 @@ impl PathTracer {
 /// A unit vector with density cosθ/π about the unit `normal`: a uniform point of the unit disc,
 /// raised to the sphere.
 fn cosine_direction(normal: DVec3, rng: &mut Random) -> DVec3 {
-    let (r2, angle) = (rng.next(), TAU * rng.next());
-    // Any vector that is not near the normal gives a frame.
-    let other = if normal.x.abs() < 0.7 {
+    direction_around(normal, 1.0, rng)
+}
+
+/// A random direction in a cone around `axis` whose half angle has this sine, with a density in
+/// proportion to the cosine.
+fn direction_around(axis: DVec3, sine: f64, rng: &mut Random) -> DVec3 {
+    let (r2, angle) = (rng.next() * sine * sine, TAU * rng.next());
+    // Any vector that is not near the axis gives a frame.
+    let other = if axis.x.abs() < 0.7 {
         DVec3::X
     } else {
         DVec3::Y
     };
-    let tangent = normal.cross(other).normalize();
-    let bitangent = normal.cross(tangent);
+    let tangent = axis.cross(other).normalize();
+    let bitangent = axis.cross(tangent);
     let r = r2.sqrt();
-    tangent * (r * angle.cos()) + bitangent * (r * angle.sin()) + normal * (1.0 - r2).sqrt()
+    tangent * (r * angle.cos()) + bitangent * (r * angle.sin()) + axis * (1.0 - r2).sqrt()
 }
