@@ -162,7 +162,7 @@ impl PathTracer {
     }
 
     /// What can be seen of each footprint, in their order. `effort.paths` are spread over
-    /// [`POINTS`] points.
+    /// 256 points.
     pub fn seen(&self, footprints: &[Footprint], effort: Effort) -> Vec<Seen> {
         footprints
             .par_iter()
