@@ -196,6 +196,13 @@ mod tests {
     }
 
     #[test]
+    fn more_than_wrong_throughout_is_not_worse() {
+        assert_eq!(relative(0.3, 0.02), 1.0);
+        // The tolerance is f32's rounding.
+        assert!((relative(0.01, 0.5) - 0.02).abs() < 1e-8);
+    }
+
+    #[test]
     fn what_groups_claim_is_corrected_by_halves() {
         for r in [0.5, 0.354, 0.25] {
             let s = sums(r);

@@ -154,21 +154,17 @@ impl PathTracer {
     ///
     /// Every footprint has its own random numbers, so its estimate does not depend on the others.
     pub fn irradiance(&self, footprints: &[Footprint], effort: Effort) -> Vec<Estimate> {
-        footprints
-            .par_iter()
-            .enumerate()
-            .map(|(i, footprint)| self.estimate(footprint, i as u64, effort))
-            .collect()
+        each(footprints, |footprint, i| {
+            self.estimate(footprint, i, effort)
+        })
     }
 
     /// What can be seen of each footprint, in their order. `effort.paths` are spread over
     /// 256 points.
     pub fn seen(&self, footprints: &[Footprint], effort: Effort) -> Vec<Seen> {
-        footprints
-            .par_iter()
-            .enumerate()
-            .map(|(i, footprint)| self.seen_of(footprint, i as u64, effort))
-            .collect()
+        each(footprints, |footprint, i| {
+            self.seen_of(footprint, i, effort)
+        })
     }
 
     fn seen_of(&self, footprint: &Footprint, stream: u64, effort: Effort) -> Seen {
@@ -178,13 +174,7 @@ impl PathTracer {
         let mut values = Vec::new();
         let mut all_far = 0;
         for _ in 0..POINTS {
-            let (triangle, position) =
-                footprint.point(&self.scene, rng.next(), [rng.next(), rng.next()]);
-            let start = Vertex {
-                position,
-                normal: self.normals[triangle],
-                triangle,
-            };
+            let start = self.start(footprint, &mut rng);
             let [far, backs] = self.look_around(&start, beyond, &mut rng);
             all_far += far;
             if f64::from(far) < SLIT * f64::from(DIRECTIONS) || 2 * backs > DIRECTIONS {
@@ -238,13 +228,7 @@ impl PathTracer {
         let (mut mean, mut square) = (DVec3::ZERO, DVec3::ZERO);
         let mut luminance_square = 0.0;
         for k in 1..=effort.paths {
-            let (triangle, position) =
-                footprint.point(&self.scene, rng.next(), [rng.next(), rng.next()]);
-            let start = Vertex {
-                position,
-                normal: self.normals[triangle],
-                triangle,
-            };
+            let start = self.start(footprint, &mut rng);
             let value = self.path(start, &mut rng, effort);
             let before = value - mean;
             mean += before / f64::from(k);
@@ -258,6 +242,17 @@ impl PathTracer {
             mean,
             error: DVec3::from_array(square.to_array().map(error)),
             luminance_error: error(luminance_square),
+        }
+    }
+
+    /// A random point of a footprint.
+    fn start(&self, footprint: &Footprint, rng: &mut Random) -> Vertex {
+        let (triangle, position) =
+            footprint.point(&self.scene, rng.next(), [rng.next(), rng.next()]);
+        Vertex {
+            position,
+            normal: self.normals[triangle],
+            triangle,
         }
     }
 
@@ -436,6 +431,12 @@ impl PathTracer {
         };
         surface.emission * (cosine / (by_point + by_direction))
     }
+}
+
+/// `of` each footprint and its number, in their order.
+fn each<T: Send>(footprints: &[Footprint], of: impl Fn(&Footprint, u64) -> T + Sync) -> Vec<T> {
+    let all = footprints.par_iter().enumerate();
+    all.map(|(i, footprint)| of(footprint, i as u64)).collect()
 }
 
 /// A unit vector with density cosθ/π about the unit `normal`: a uniform point of the unit disc,
