@@ -550,7 +550,7 @@ mod tests {
             }
         }
         let (_, after) = stitched(&samples, &pages, &texels);
-        // At these two lumels 0.03 is left; with agreement as where light is even it would be 0.18.
+        // With agreement as where light is even, 0.18 would be lost at these two lumels.
         for (y, x) in [4, 9].into_iter().flat_map(|y| [8, 9].map(|x| (y, x))) {
             let light = after[0].value[y * 24 + x][0];
             assert!((light - 1.0).abs() < 0.05, "{x}, {y}: {light}");
