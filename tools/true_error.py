@@ -8,14 +8,13 @@ For every family and seed: draws a small level, bakes it, and compares randomly 
 the tests' path tracer (`path-trace --lumels`), which shares no code with the baker. Adds a row to
 DIR/true_error.csv: the claims of the report, and the true errors of the lit lumels, by the light of
 the part of them that can be seen. They count as claims count them: by this part's area and the
-fraction of directions that go far. `--cameras` counts those that the cameras see in full, all alike.
-Truths are kept in DIR by atlas. Levels with skies from files, textures or other things that the
+fraction of directions that go far. `--cameras` counts those that the cameras see in full, all
+alike. Truths are kept in DIR by atlas. Levels with skies from files, textures or other things that the
 path tracer does not model are left out.
 
 Error: (bake - truth) / (truth + 1 % of the mean truth), by luminance, at most 1 as in the report.
-Root mean squares have the
-truth's own noise subtracted, medians do not: they need many paths. `spread` is the standard
-deviation of true_rms over resampled lumels; the summary judges levels where it is at most a quarter
+Root mean squares have the truth's own noise subtracted, medians do not: they need many paths.
+`spread` is the standard deviation of true_rms over resampled lumels; the summary judges levels where it is at most a quarter
 of it, and counts the others. The path tracer has no smooth shading, so levels with it (cave,
 terrain, stairs) differ for another reason.
 Needs OpenEXR and numpy (tools/setup.sh).
@@ -98,11 +97,11 @@ def compare(level, quality, a):
     light = sum(baked(c) * w for c, w in zip("RGB", LUMINANCE))
     error = baked("error.Y")
     true = rows[:, 4:7] @ LUMINANCE
-    mean = np.average(true, weights=coverage)
+    mean = np.average(true[kept], weights=coverage[kept])
     lit = kept & (true > 1e-3 * mean) & (light > 1e-3 * mean)
     scale, weight = (true + 0.01 * mean)[lit], weight[lit]
-    off, noise = np.clip((light - true)[lit] / scale, -1, 1), noise[lit] / scale
-    claimed = np.minimum(error[lit] / scale, 1)
+    off = np.clip((light - true)[lit] / scale, -1, 1)
+    noise, claimed = np.minimum(noise[lit] / scale, 1), np.minimum(error[lit] / scale, 1)
 
     def rms(x, w=weight):
         return max(np.average(x, weights=w), 0.0) ** 0.5

@@ -18,7 +18,7 @@ const AGREE: f32 = 2e4;
 
 /// Misfit, relative to the light, at which a difference of all the light counts no more than a lumel
 /// that changes by all of its light; a step has up to 0.125, where agreement has 1/300 of its weight.
-/// With 1/100 of it, streaks show. At 0.25, or by squares, a coarse kit's seams stay 1 % apart.
+/// With 1/100 of it, streaks show. At 0.25, or by squares, a coarse kit's stay over 1 % apart.
 const BENT: f32 = 0.35;
 
 /// Weight of agreement at this misfit, relative to the light; 0 if it is infinite.
