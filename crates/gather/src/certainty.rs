@@ -25,7 +25,7 @@ const LIT: f32 = 1e-3;
 
 /// Fraction of the mean light that is added to a lumel's light before errors are divided by it,
 /// because small errors are invisible in the dark.
-const FLOOR: f32 = 0.01;
+pub(crate) const FLOOR: f32 = 0.01;
 
 /// With fewer lumels of a kind there is no correction, which is on the safe side: from this many
 /// differences a variance is known to √(2/64) = 18 %.

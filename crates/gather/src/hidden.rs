@@ -50,11 +50,10 @@ pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
             .par_iter()
             .with_min_len(1024)
             .filter_map(|&i| {
-                let of = |j: usize| filled[j];
-                let mut around = beside(map, &of, i, EDGES);
-                if around.is_empty() {
-                    around = beside(map, &of, i, CORNERS);
-                }
+                let around = [EDGES, CORNERS].into_iter().find_map(|ways| {
+                    let around = beside(map, &|j: usize| filled[j], i, ways);
+                    (!around.is_empty()).then(|| before(&map.received, around))
+                })?;
                 Some((i, blend(&map.received, &around, i)?))
             })
             .collect();
@@ -91,6 +90,18 @@ fn beside(
         .filter(|&j| received[j].normal.dot(received[i].normal) > 0.5)
         .filter(|&j| may(j))
         .collect()
+}
+
+/// Those of these lumels that are not behind the backs of single-sided faces, nor outside of the
+/// level while others are in a room; all of them if there are only such.
+fn before(received: &[Received], mut lumels: Vec<usize>) -> Vec<usize> {
+    let room = lumels.iter().any(|&j| received[j].around == Around::Room);
+    let outside = |j: usize| room && received[j].around == Around::Outside;
+    let is_before = |&j: &usize| !received[j].behind && !outside(j);
+    if lumels.iter().any(is_before) {
+        lumels.retain(is_before);
+    }
+    lumels
 }
 
 /// Lumel `i` with the blended light of its neighbours; `None` without any.

@@ -19,7 +19,7 @@ pub struct GatherOptions {
     /// Follow shadow edges for this many lumels from where they were found.
     pub follow: u32,
     /// Most rays of a lumel whose neighbours show that `rays` are too few; a power of two times
-    /// `rays`.
+    /// `rays`. Very noisy ones get up to eight times `rays`, unless this is `rays`.
     pub most_rays: u32,
     /// Cast more rays until the estimated standard error of indirect light, relative to all light,
     /// is at most this.

@@ -7,11 +7,22 @@
 use radiosity::{Cancelled, luminance};
 use rayon::prelude::*;
 
+use crate::certainty::FLOOR;
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::received::Edge;
 use crate::window::Window;
 use crate::work::{Pass, Work};
+
+/// Lumels are noisy if their standard error exceeds [`GatherOptions::error`] by this factor: a third
+/// of it is left after smoothing, which at `preview` is a cloud with 6 % more or less light than its
+/// surroundings, e.g. deep in a cave, where few rays find its mouth.
+///
+/// [`GatherOptions::error`]: crate::GatherOptions::error
+const NOISY: f32 = 6.0;
+
+/// Most times the first rays at noisy lumels.
+const NOISY_TIMES: u32 = 8;
 
 /// Computes direct light again at lumels next to one that a shadow edge crosses, with more points
 /// for the lights of that edge: it continues, and may cut off less of a lumel than one of the first
@@ -62,6 +73,21 @@ fn look_again(map: &LumelMap, i: usize) -> u32 {
     lights & !(own.mixed | own.looked)
 }
 
+/// Factor on a lumel's rays, given the variance of what the first ones found, the light that errors
+/// are relative to, and `dim` more of it for the noisy. `most` is the usual limit. A power of two,
+/// which keeps the points of the sequence well distributed.
+fn times(variance: f32, [error, light, dim]: [f32; 3], most: u32) -> u32 {
+    let within = |error: f32, most: u32| {
+        let ratio = variance / (error * error).max(1e-30);
+        let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
+        if times > most { times / 2 } else { times }
+    };
+    match most {
+        1 => 1,
+        _ => within(error * light, most).max(within(NOISY * error * (light + dim), NOISY_TIMES)),
+    }
+}
+
 /// Casts more gathering rays where neighbours show that the first were too few for
 /// [`GatherOptions::error`](crate::GatherOptions::error).
 ///
@@ -79,6 +105,7 @@ pub(crate) fn add_rays(
     }
     let window = Window::new(map);
     let received = &map.received;
+    let dim = FLOOR * gatherer.tracer.mean();
     let short: Vec<(usize, u32)> = (0..map.len())
         .into_par_iter()
         .with_min_len(256)
@@ -100,11 +127,8 @@ pub(crate) fn add_rays(
                 total = luminance(received[i].light());
                 others = 1.0;
             }
-            let wanted = options.error * total / others;
-            let ratio = variance / others / (wanted * wanted).max(1e-30);
-            // Powers of two keep the points of the sequence well distributed.
-            let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
-            let times = if times > most { times / 2 } else { times };
+            let relative = [options.error, total / others, dim];
+            let times = times(variance / others, relative, most);
             let times = times.max(map.plan.bearing(i));
             (times > 1).then_some((i, times))
         })
@@ -116,4 +140,30 @@ pub(crate) fn add_rays(
         let (footprint, seed) = map.footprint(gatherer.world(), i);
         gatherer.gather_more(&footprint, seed, &map.received[i], (1, times))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The factor at this noise, relative to light of 2.
+    fn factor(noise: f32, dim: f32, most: u32) -> u32 {
+        times((2.0 * noise).powi(2), [0.03, 2.0, dim], most)
+    }
+
+    #[test]
+    fn noisy_lumels_get_more_rays_than_others() {
+        // Up to √2 times six times the wanted error: as many as the preset allows.
+        let usual = [0.029, 0.031, 0.1, 0.25].map(|noise| factor(noise, 0.0, 2));
+        assert_eq!(usual, [1, 2, 2, 2]);
+        // Beyond, until the error is six times the wanted one, within eight times the rays.
+        let noisy = [0.26, 0.35, 0.37, 10.0].map(|noise| factor(noise, 0.0, 2));
+        assert_eq!(noisy, [4, 4, 8, 8]);
+        // Never fewer than the preset allows.
+        assert_eq!(factor(10.0, 0.0, 16), 16);
+        // In the dark the usual number.
+        assert_eq!(factor(1.0, 100.0, 2), 2);
+        // Bakes to an error choose by themselves.
+        assert_eq!(factor(10.0, 0.0, 1), 1);
+    }
 }

@@ -133,6 +133,11 @@ impl<'w, 'a> Tracer<'w, 'a> {
         irradiance <= std::f32::consts::PI * self.dim
     }
 
+    /// Mean irradiance of the scene (luminance).
+    pub(crate) fn mean(&self) -> f32 {
+        std::f32::consts::PI / DIM * self.dim
+    }
+
     /// Whether this radiance (luminance) counts as none.
     pub(crate) fn is_dim(&self, radiance: f32) -> bool {
         radiance <= self.dim
