@@ -151,3 +151,27 @@ fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> 
     }
     Some(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_from_behind_walls_counts_only_alone() {
+        let lumel = |behind: bool, around: Around| Received {
+            behind,
+            around,
+            ..Received::default()
+        };
+        let received = [
+            lumel(false, Around::Room),
+            lumel(true, Around::Open),
+            lumel(false, Around::Outside),
+            lumel(false, Around::Open),
+        ];
+        assert_eq!(before(&received, vec![0, 1, 2, 3]), [0, 3]);
+        // Without a room, outside is where people are.
+        assert_eq!(before(&received, vec![1, 2, 3]), [2, 3]);
+        assert_eq!(before(&received, vec![1]), [1]);
+    }
+}
