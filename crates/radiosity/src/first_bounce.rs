@@ -160,6 +160,11 @@ impl FirstBounce {
             + size_of_val(&self.senders[..])) as u64
     }
 
+    /// The share of the direct light that patch `other` reflects to `patch` and that rays find.
+    pub(crate) fn left_to_rays(&self, patch: usize, other: usize) -> f32 {
+        1.0 - self.senders[patch].of_samples(&self.senders[other], self.share[patch])
+    }
+
     /// Irradiance of a patch by light of a group that others reflect once. `radiosity` is theirs.
     pub(crate) fn gather(
         &self,

@@ -36,6 +36,7 @@ mod openings;
 mod relax;
 mod roles;
 mod sampling;
+mod scarce;
 mod shadow_edges;
 mod sky;
 mod solids;

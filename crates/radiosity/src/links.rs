@@ -272,7 +272,8 @@ fn rows_of<'l>(
         .collect()
 }
 
-/// Patches whose light is reflected often get this many times the rays of others.
+/// Patches whose light is reflected often, or that few rays bring light, get this many times the rays
+/// of others.
 pub(crate) const TIMES: u32 = 4;
 
 /// Parts of a crowded patch cast this fraction of a patch's rays. Sixteen of them share what they

@@ -102,7 +102,7 @@ impl Openings {
                 })
                 .collect();
             for (p, found) in found {
-                let cube = cubes.entry(cube_of(world, cut, p)).or_default();
+                let cube = cubes.entry(cube_of(world, cut, p, CUBE)).or_default();
                 if found.len() <= part(SELDOM, p) {
                     cube.patches.push(p as u32);
                 }
@@ -213,14 +213,19 @@ fn number(direction: Vec3) -> u16 {
     (row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)) as u16
 }
 
-/// The cube that a patch is in, by the size of its patches: most have the same, but that of a plain is
-/// larger.
-fn cube_of(world: &World, cut: &Subdivision, patch: usize) -> (i32, [i32; 3]) {
+/// The cube that a patch is in, `edge` patches wide, by the size of its patches: most have the same,
+/// but that of a plain is larger.
+pub(crate) fn cube_of(
+    world: &World,
+    cut: &Subdivision,
+    patch: usize,
+    edge: f32,
+) -> (i32, [i32; 3]) {
     let element = cut.elements()[cut.patches()[patch].first_element as usize];
     let [a, b, c] = world.soup.triangles[element.triangle as usize];
     let at = a + (b - a) * element.u + (c - a) * element.v;
     let size = libm::ilogbf(cut.patch_edge(element.triangle));
-    let cube = at / (CUBE * libm::ldexpf(1.0, size));
+    let cube = at / (edge * libm::ldexpf(1.0, size));
     (size, cube.floor().as_ivec3().to_array())
 }
 

@@ -18,6 +18,7 @@ use crate::monitor::{Cancelled, Monitor, Phase, Silent};
 use crate::openings::Openings;
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
+use crate::scarce::scarce;
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
 use crate::world::{Emission, Side, SurfacePoint, World, luminance};
 
@@ -208,7 +209,7 @@ struct Bounces<'s> {
     /// The same with the light of each group alone, if groups are separate.
     by_group: &'s [PatchSurfaces],
     first: &'s FirstBounce,
-    /// Rays per patch in the last pass, unless light is reflected often.
+    /// Rays per patch in the last pass, unless it needs more.
     most: u32,
     /// Most rays of all patches.
     most_links: u64,
@@ -223,12 +224,12 @@ impl Bounces<'_> {
         let mut links = Links::of(self.world, patches, self.most);
         let mut of_groups = vec![vec![DVec3::ZERO; patches]; self.world.group_count()];
         let mut rays = FIRST_PASS.min(self.most);
-        let mut often = Vec::new();
+        let mut more = Vec::new();
         while !report.cancelled {
             let last = rays == self.most;
             let wanted = |p: usize| {
                 let own = rays_of_patch(&self.cut.patches()[p], rays);
-                match often.get(p) {
+                match more.get(p) {
                     Some(true) if last => TIMES * own,
                     _ => own,
                 }
@@ -243,18 +244,34 @@ impl Bounces<'_> {
             if last {
                 break;
             }
-            if often.is_empty() {
-                often = self.reflected_often(&links);
+            if more.is_empty() {
+                more = self.need_more(&links, &of_groups);
             }
             rays = (rays * 4).min(self.most);
         }
         (links, of_groups)
     }
 
+    /// By patch, whether it gets [`TIMES`] the rays of others: if light that it sends arrives often,
+    /// or few rays bring it light. `false` for all if memory is short.
+    fn need_more(&self, links: &Links, of_groups: &[Vec<DVec3>]) -> Vec<bool> {
+        let mut more = self.reflected_often(links);
+        let scarce = self.scarcely_lit(links, of_groups);
+        (more.iter_mut().zip(scarce)).for_each(|(more, scarce)| *more |= scarce);
+        let rays: u64 = (more.iter().zip(self.cut.patches()))
+            .map(|(more, p)| {
+                u64::from(rays_of_patch(p, self.most)) * if *more { u64::from(TIMES) } else { 1 }
+            })
+            .sum();
+        match rays <= self.most_links {
+            true => more,
+            false => vec![false; links.patches],
+        }
+    }
+
     /// By patch, whether light that it sends arrives often: first there, then reflected. Each error
     /// of what is lost at a reflection adds up: in a room that reflects 98 %, `preview`'s 64 rays a
-    /// patch leave the level of light 1 % off, in a colour that depends on the draw. `false` for all
-    /// if memory is short.
+    /// patch leave the level of light 1 % off, in a colour that depends on the draw.
     fn reflected_often(&self, links: &Links) -> Vec<bool> {
         let ones = vec![DVec3::ONE; links.patches];
         let system = System {
@@ -269,16 +286,24 @@ impl Bounces<'_> {
             ..self.relax
         };
         system.relax(&mut arrivals, &rough, &Silent);
-        let often: Vec<bool> = arrivals.iter().map(|n| n.max_element() > OFTEN).collect();
-        let rays: u64 = (often.iter().zip(self.cut.patches()))
-            .map(|(often, p)| {
-                u64::from(rays_of_patch(p, self.most)) * if *often { u64::from(TIMES) } else { 1 }
+        arrivals.iter().map(|n| n.max_element() > OFTEN).collect()
+    }
+
+    /// By patch, whether few rays bring it light, given the light of a pass.
+    fn scarcely_lit(&self, links: &Links, of_groups: &[Vec<DVec3>]) -> Vec<bool> {
+        let of = |c: DVec3| f64::from(luminance(c.as_vec3()));
+        let further: Vec<f64> = (0..links.patches)
+            .map(|p| {
+                let arrives: DVec3 = of_groups.iter().map(|g| g[p]).sum();
+                of(arrives * self.surfaces.reflectance[p])
             })
-            .sum();
-        match rays <= self.most_links {
-            true => often,
-            false => vec![false; links.patches],
-        }
+            .collect();
+        let direct: Vec<f64> = (self.surfaces.direct_radiosity.iter())
+            .map(|b| of(*b))
+            .collect();
+        scarce(self.world, self.cut, links, |i, j| {
+            f64::from(self.first.left_to_rays(i, j)) * direct[j] + further[j]
+        })
     }
 
     /// Relaxes the light of each group on the links so far, starting from the pass before.

@@ -521,13 +521,14 @@ fn patches_do_not_carry_light_into_a_gap() {
     let options = options(8000, 256);
     let s = solve_scene(&scene, Sky::Constant(Vec3::ONE), &options, &Silent);
     assert!(s.report.fine_patches > 1000, "{:?}", s.report);
-    // A quarter of a patch's rays from each part.
+    // A quarter of a patch's rays from each part; in the gap, which few rays leave, four times that.
     let (all, fine) = (
         u64::from(s.report.subdivision.patches),
         s.report.fine_patches,
     );
     assert_eq!(s.report.rays_per_patch, 256);
-    assert_eq!(s.report.link_rays, 256 * (all - fine) + 64 * fine);
+    let rays = |of_part| 256 * (all - fine) + of_part * fine;
+    assert!(s.report.link_rays > rays(64) && s.report.link_rays < rays(256));
     assert!(s.cut.patch_edge(0) < 0.3, "{}", s.cut.patch_edge(0));
     for d in [0.2f32, 0.3, 0.45] {
         let (mut sum, mut n) = (0.0, 0.0);
