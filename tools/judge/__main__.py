@@ -7,6 +7,7 @@ python tools/judge table --out OUT [--seeds odd] [--label before --label after]
 python tools/judge sheet --out OUT --label after [--quality preview]
 python tools/judge page  --out OUT --label after [--docs DIR]
 python tools/judge cameras LEVEL --levels DIR --view EYE:TARGET ... [--sky R,G,B] [--sun X,Y,Z,LUX]
+python tools/judge cameras LEVEL --levels DIR --auto 4 [--seed N]
 """
 import argparse
 import os
@@ -47,10 +48,12 @@ def main():
             c.add_argument("--count", type=int, default=12, help="crops of a family")
         if name == "page":
             c.add_argument("--docs", default=LAB, help="folder of tables/unseen_levels.md and its pictures")
-    c = sub.add_parser("cameras", help="copy a level into DIR with views of one's choice")
+    c = sub.add_parser("cameras", help="copy a level into DIR with views")
     c.add_argument("level")
     c.add_argument("--levels", required=True)
-    c.add_argument("--view", action="append", required=True, help="x,y,z:x,y,z, metres")
+    c.add_argument("--view", action="append", default=[], help="x,y,z:x,y,z, metres")
+    c.add_argument("--auto", type=int, default=0, help="so many views from where one could stand")
+    c.add_argument("--seed", type=int, default=0, help="draws other views")
     c.add_argument("--fov", type=float, default=60, help="vertical, degrees")
     c.add_argument("--sky", help="radiance, r,g,b")
     c.add_argument("--sun", help="x,y,z,lux[,degrees]: direction of its light, size of its disc")
@@ -64,6 +67,12 @@ def main():
                 print("%s: %s" % (path, problem))
     elif a.command == "cameras":
         from . import cameras
+        if a.auto:
+            from . import places
+            a.view += places.find(a.level, a.auto, a.seed)
+        if not a.view:
+            p.error("cameras: --view or --auto")
+        print("\n".join("--view=" + view for view in a.view))
         cameras.place(a.level, a.levels, a.view, a.fov, a.sky, a.sun)
     elif a.command == "bake":
         from . import runs
