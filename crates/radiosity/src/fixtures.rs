@@ -61,6 +61,19 @@ pub(crate) fn add_quad(scene: &mut Scene, material: Material, corner: Vec3, x: V
     );
 }
 
+/// A floor and four grey walls around it, seen from inside, with these edges.
+pub(crate) fn without_ceiling(x: f32, y: f32, z: f32) -> Scene {
+    let mut scene = Scene::default();
+    let (x, y, z) = (x * Vec3::X, y * Vec3::Y, z * Vec3::Z);
+    let mut add = |corner, a, b| add_quad(&mut scene, material(0.5, Vec3::ZERO), corner, a, b);
+    add(Vec3::ZERO, z, x);
+    add(Vec3::ZERO, x, y);
+    add(z, y, x);
+    add(Vec3::ZERO, y, z);
+    add(x, z, y);
+    scene
+}
+
 /// The unit cube [0, 1]³ seen from inside, with one material and twelve triangles that share their
 /// corners.
 pub(crate) fn cube(reflectance: f32, emissive: Vec3) -> Scene {

@@ -173,7 +173,7 @@ pub struct SolveReport {
     /// Patches whose direct light is computed again at each hit.
     pub rough_patches: u64,
     /// Rays cast from each patch; those with much nearby, which are divided, cast a quarter from each
-    /// part.
+    /// part. Where light is reflected often, or few rays bring it, four times as many.
     pub rays_per_patch: u32,
     /// Total number of rays between patches, including those of hidden patches, which are not cast.
     pub link_rays: u64,

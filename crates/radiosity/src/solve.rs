@@ -253,20 +253,18 @@ impl Bounces<'_> {
     }
 
     /// By patch, whether it gets [`TIMES`] the rays of others: if light that it sends arrives often,
-    /// or few rays bring it light. `false` for all if memory is short.
+    /// or few rays bring it light. If memory is short, only the former count, or none.
     fn need_more(&self, links: &Links, of_groups: &[Vec<DVec3>]) -> Vec<bool> {
-        let mut more = self.reflected_often(links);
-        let scarce = self.scarcely_lit(links, of_groups);
-        (more.iter_mut().zip(scarce)).for_each(|(more, scarce)| *more |= scarce);
-        let rays: u64 = (more.iter().zip(self.cut.patches()))
-            .map(|(more, p)| {
+        let fits = |more: &Vec<bool>| {
+            let rays = (more.iter().zip(self.cut.patches())).map(|(more, p)| {
                 u64::from(rays_of_patch(p, self.most)) * if *more { u64::from(TIMES) } else { 1 }
-            })
-            .sum();
-        match rays <= self.most_links {
-            true => more,
-            false => vec![false; links.patches],
-        }
+            });
+            rays.sum::<u64>() <= self.most_links
+        };
+        let often = self.reflected_often(links);
+        let scarce = self.scarcely_lit(links, of_groups);
+        let both = often.iter().zip(scarce).map(|(a, b)| a | b).collect();
+        ([both, often].into_iter().find(fits)).unwrap_or_else(|| vec![false; links.patches])
     }
 
     /// By patch, whether light that it sends arrives often: first there, then reflected. Each error

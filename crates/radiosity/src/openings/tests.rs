@@ -2,7 +2,7 @@ use mesh_ingest::{Scene, Soup};
 
 use super::*;
 use crate::emitters::Emitters;
-use crate::fixtures::{add_quad, material};
+use crate::fixtures::{add_quad, material, without_ceiling};
 use crate::monitor::Silent;
 use crate::sampling::sample_2d;
 use crate::sky::Sky;
@@ -26,15 +26,7 @@ fn under_a_sky(scene: &Scene) -> Solution {
 
 /// A shaft of one square metre, three metres deep, seen from inside.
 fn shaft() -> Scene {
-    let mut scene = Scene::default();
-    let (x, y, z) = (Vec3::X, 3.0 * Vec3::Y, Vec3::Z);
-    let mut add = |corner, a, b| add_quad(&mut scene, material(0.5, Vec3::ZERO), corner, a, b);
-    add(Vec3::ZERO, z, x);
-    add(Vec3::ZERO, x, y);
-    add(z, y, x);
-    add(Vec3::ZERO, y, z);
-    add(x, z, y);
-    scene
+    without_ceiling(1.0, 3.0, 1.0)
 }
 
 /// The opening of the patch on triangle 0 at `p`.
