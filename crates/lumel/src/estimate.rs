@@ -5,7 +5,6 @@ use std::path::Path;
 use atlas::LayoutReport;
 use atlas_bake::{WorkTime, gather_cost};
 use glam::Vec3;
-use patch_subdivision::Subdivision;
 use radiosity::{Emitters, Monitor, World, WorldOptions};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -146,11 +145,7 @@ pub fn estimate(
     // Levels with many small objects have many more patches than requested, and more than the
     // trial.
     let tried = &solution.report;
-    let patches = |cut| {
-        Subdivision::build(&soup, |t| world.two_sided(t as u32), cut)
-            .patches()
-            .len()
-    };
+    let patches = |cut| radiosity::cut_surfaces(&world, cut).patches().len();
     let more = patches(&solve.cut) as f64 / patches(&trial.cut).max(1) as f64;
     let per_ray = tried.link_rays as f64 / f64::from(tried.rays_per_patch.max(1));
     let links = per_ray * more * f64::from(solve.rays);

@@ -32,7 +32,7 @@ mod subdivision;
 mod walls;
 
 pub use flat::FlatPieces;
-pub use region::{RegionId, RegionOptions};
+pub use region::{Between, RegionId, RegionOptions};
 pub use subdivision::{
     Element, ElementId, ElementPoints, Locus, Options, Patch, PatchId, PointOn, Stats, Subdivision,
     Tap, weights,

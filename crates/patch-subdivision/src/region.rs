@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use mesh_ingest::Soup;
+use rayon::prelude::*;
 
 use crate::adjacency::Adjacency;
 
@@ -85,6 +86,37 @@ impl Connected {
         areas
     }
 
+    /// Of each triangle, the largest extent of all that is connected to it, metres.
+    fn extents(&self, soup: &Soup) -> Vec<f32> {
+        let mut extents = vec![-1.0; self.order.len()];
+        let mut members = Vec::new();
+        for first in 0..extents.len() {
+            if extents[first] >= 0.0 {
+                continue;
+            }
+            let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+            extents[first] = 0.0;
+            members.push(first as u32);
+            let mut next = 0;
+            while let Some(&t) = members.get(next) {
+                next += 1;
+                for p in soup.triangles[t as usize] {
+                    (low, high) = (low.min(p), high.max(p));
+                }
+                for &m in self.adjacency.of(t) {
+                    if extents[m as usize] < 0.0 {
+                        extents[m as usize] = 0.0;
+                        members.push(m);
+                    }
+                }
+            }
+            for t in members.drain(..) {
+                extents[t as usize] = (high - low).max_element();
+            }
+        }
+        extents
+    }
+
     /// The triangles that share an edge with a triangle.
     pub(crate) fn beside(&self, triangle: u32) -> &[u32] {
         self.adjacency.of(triangle)
@@ -137,20 +169,57 @@ pub(crate) fn gather_regions(
     soup: &Soup,
     connected: &Connected,
     two_sided: impl Fn(usize) -> bool + Sync,
+    between: &Between,
     size: f32,
     options: &RegionOptions,
 ) -> Regions {
     let (mut of_triangle, regions) = connected.flood(soup, size, options);
-    merge_small(soup, &two_sided, size, &mut of_triangle, regions)
+    let apart = Apart {
+        between,
+        extents: connected.extents(soup),
+    };
+    merge_small(soup, &two_sided, &apart, size, &mut of_triangle, regions)
+}
+
+/// The first opaque triangle between two points, if there is one.
+pub type Between<'a> = dyn Fn(Vec3, Vec3) -> Option<u32> + Sync + 'a;
+
+/// Tells whether small pieces of surface are in different places.
+struct Apart<'a> {
+    between: &'a Between<'a>,
+    /// Of each triangle, the largest extent of what it is connected to, metres.
+    extents: Vec<f32>,
+}
+
+impl Apart<'_> {
+    /// Whether something larger than the voxel, e.g. a wall or a cloth, stands between two points:
+    /// neither sees the other, nor do both see one of six points about the middle.
+    fn are(&self, a: Vec3, b: Vec3, voxel: f32) -> bool {
+        let open = |from: Vec3, to: Vec3| {
+            (self.between)(from, to).is_none_or(|t| self.extents[t as usize] <= voxel)
+        };
+        let middle = 0.5 * (a + b);
+        let aside = |axis: Vec3| {
+            [0.5 * voxel, -0.5 * voxel].into_iter().any(|far| {
+                let via = middle + far * axis;
+                open(a, via) && open(b, via)
+            })
+        };
+        !open(a, b) && !Vec3::AXES.into_iter().any(aside)
+    }
 }
 
 /// Merges regions much smaller than a patch if they are in the same voxel and face the same way:
 /// leaves of a tree, links of a chain, and other small disconnected pieces. If a voxel of one patch
 /// size contains little, voxels of up to four times the size are tried, because sparse grass needs
 /// no patch per blade.
+///
+/// Pieces that something large separates stay apart: the folds of a curtain face the same way on
+/// the side of a courtyard and on that of a gallery, which is a hundred times darker.
 fn merge_small(
     soup: &Soup,
     two_sided: &impl Fn(usize) -> bool,
+    apart: &Apart,
     size: f32,
     of_triangle: &mut [u32],
     regions: u32,
@@ -170,13 +239,31 @@ fn merge_small(
             .collect();
         keys.sort_unstable();
         let mut joined: Vec<u32> = (0..parts.len() as u32).collect();
-        for run in keys.chunk_by(|a, b| a.0 == b.0) {
-            let first = run[0].1 as usize;
-            for &(_, other) in &run[1..] {
-                let other_part = std::mem::take(&mut parts[other as usize]);
-                parts[first].join(&other_part);
-                joined[other as usize] = first as u32;
-            }
+        let pairs: Vec<[u32; 2]> = keys
+            .par_chunk_by(|a, b| a.0 == b.0)
+            .flat_map_iter(|run| {
+                let mut places: Vec<u32> = Vec::new();
+                let at = |part: u32| parts[part as usize].point;
+                run.iter().filter_map(move |&(_, part)| {
+                    let with = |place: &&u32| !apart.are(at(**place), at(part), voxel);
+                    let place = places.iter().find(with).copied();
+                    if place.is_none() && places.len() < PLACES {
+                        places.push(part);
+                        return None;
+                    }
+                    let far = |place: &u32| at(*place).distance_squared(at(part));
+                    let nearest = || {
+                        let nearer = |a: &u32, b: &u32| far(a).total_cmp(&far(b));
+                        places.iter().copied().min_by(nearer)
+                    };
+                    Some([place.or_else(nearest)?, part])
+                })
+            })
+            .collect();
+        for [place, other] in pairs {
+            let other_part = std::mem::take(&mut parts[other as usize]);
+            parts[place as usize].join(&other_part);
+            joined[other as usize] = place;
         }
         for p in &mut now {
             *p = joined[*p as usize];
@@ -214,6 +301,10 @@ fn merge_small(
     }
 }
 
+/// Most places in a voxel that are kept apart, which bounds patches and rays: behind the layers of a
+/// heap of rags nobody sees the difference.
+const PLACES: usize = 4;
+
 /// A region while regions are being merged.
 struct Part {
     alive: bool,
@@ -223,6 +314,9 @@ struct Part {
     normal: Vec3,
     low: Vec3,
     high: Vec3,
+    /// A point just above its largest triangle, and that triangle's area.
+    point: Vec3,
+    largest: f32,
 }
 
 impl Default for Part {
@@ -235,6 +329,8 @@ impl Default for Part {
             normal: Vec3::ZERO,
             low: Vec3::INFINITY,
             high: Vec3::NEG_INFINITY,
+            point: Vec3::ZERO,
+            largest: -1.0,
         }
     }
 }
@@ -248,6 +344,12 @@ impl Part {
         for p in soup.triangles[t] {
             self.low = self.low.min(p);
             self.high = self.high.max(p);
+        }
+        if soup.areas[t] > self.largest {
+            let [a, b, c] = soup.triangles[t];
+            let lift = 1e-3 * libm::sqrtf(soup.areas[t]);
+            (self.point, self.largest) =
+                ((a + b + c) / 3.0 + lift * soup.normals[t], soup.areas[t]);
         }
     }
 

@@ -9,7 +9,7 @@ use crate::grid::{
     Fragment, Frame, choose_frame, clip_to_fine, fine_corners, frame_of_cluster, rasterise,
 };
 use crate::raster::Polygon;
-use crate::region::{Connected, RegionOptions, Regions, gather_regions};
+use crate::region::{Between, Connected, RegionOptions, Regions, gather_regions};
 use crate::walls::Walls;
 
 /// Index of a patch.
@@ -189,9 +189,27 @@ impl Subdivision {
     ///
     /// Deterministic for any number of threads; O(n log n) in triangles plus O(elements).
     pub fn build(soup: &Soup, two_sided: impl Fn(usize) -> bool + Sync, options: &Options) -> Self {
+        Self::build_among(soup, two_sided, &|_, _| None, options)
+    }
+
+    /// [`build`](Self::build), but small pieces with something opaque between them never become one
+    /// patch.
+    pub fn build_among(
+        soup: &Soup,
+        two_sided: impl Fn(usize) -> bool + Sync,
+        between: &Between,
+        options: &Options,
+    ) -> Self {
         let connected = Connected::new(soup, &two_sided);
         let size = nominal_size(connected.flat_areas(soup, &options.regions), options);
-        let regions = gather_regions(soup, &connected, &two_sided, size, &options.regions);
+        let regions = gather_regions(
+            soup,
+            &connected,
+            &two_sided,
+            between,
+            size,
+            &options.regions,
+        );
         let cap = options.region_share * options.patches as f32;
         let pieces: Vec<Piece> = (0..regions.len())
             .into_par_iter()

@@ -62,6 +62,6 @@ pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
 pub use shadow_edges::{Caster, Ground, Outline, SOFT, ShadowEdge, SharpLights};
 pub use sky::Sky;
 pub use solution::{Look, Reflected, Sent, Solution, SolveReport, SolveStep, of_lit};
-pub use solve::{SolveOptions, count_patches, solve};
+pub use solve::{SolveOptions, count_patches, cut_surfaces, solve};
 pub use stored::StoredSolution;
 pub use world::{Backs, Incoming, SurfacePoint, World, WorldOptions, luminance};

@@ -127,6 +127,58 @@ fn loose_small_triangles_are_clustered() {
 }
 
 #[test]
+fn small_pieces_on_two_sides_of_something_large_stay_apart() {
+    // Two leaves face up, one below the other. What is between them is an opaque sheet as wide as
+    // the leaves, or one that ends beside them, or another leaf.
+    let leaf = |y: f32| quad(Vec3::new(0.1, y, 0.1), 0.1 * Vec3::Z, 0.1 * Vec3::X);
+    let sheet = |y: f32, to: f32| {
+        let corner = Vec3::new(-10.0, y, -10.0);
+        quad(corner, (to + 10.0) * Vec3::X, 20.0 * Vec3::Z)
+    };
+    let patches = |between: Vec<[Vec3; 3]>| {
+        let mut all = leaf(0.6);
+        all.extend(leaf(0.2));
+        all.extend(&between);
+        let s = soup(all);
+        // The pieces between lie in planes of one height.
+        let crossed = |a: Vec3, b: Vec3| {
+            let corners = s.triangles.get(4)?;
+            let t = (corners[0].y - a.y) / (b.y - a.y);
+            let at = a + t * (b - a);
+            let (low, high) = (s.triangles[4..].iter().flatten())
+                .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| {
+                    (low.min(*p), high.max(*p))
+                });
+            let inside = (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z);
+            ((0.0..1.0).contains(&t) && inside).then_some(4)
+        };
+        let options = Options {
+            patches: 400,
+            region_share: 1.0,
+            ..Options::default()
+        };
+        let d = Subdivision::build_among(&s, |_| false, &crossed, &options);
+        // Of nominally a metre, so that both leaves are in one voxel.
+        let of = |t: u32| {
+            let [a, b, c] = s.triangles[t as usize];
+            d.locate(t, (a + b + c) / 3.0, false).unwrap().patch
+        };
+        (of(0) == of(2), d.patch_edge(4).max(d.patch_edge(0)))
+    };
+    let (together, edge) = patches(sheet(0.4, 10.0));
+    assert!(!together && (0.9..1.3).contains(&edge), "{edge}");
+    // Both see a point half a metre beside them.
+    assert!(patches(sheet(0.4, 0.4)).0);
+    let mut small = leaf(0.4);
+    small.extend(quad(
+        Vec3::new(-10.0, -5.0, -10.0),
+        20.0 * Vec3::Z,
+        20.0 * Vec3::X,
+    ));
+    assert!(patches(small).0);
+}
+
+#[test]
 fn every_surface_point_finds_its_patch_and_taps_that_sum_to_one() {
     for (s, two) in [
         (soup(cube()), false),

@@ -602,6 +602,37 @@ fn elements_at_the_edge_of_a_gap_stand_for_what_is_seen_of_them() {
     assert!(seen as f32 > 0.8 * rim as f32, "{seen} of {rim}");
 }
 
+/// A wall ends 0.4 m above the floor, a sixth of a patch's width.
+#[test]
+fn no_patch_passes_under_a_wall() {
+    let mut scene = Scene::default();
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    let grey = || material(0.9, Vec3::ZERO);
+    add_quad(&mut scene, grey(), -10.0 * (x + z), 20.0 * z, 20.0 * x);
+    let corner = Vec3::new(1.0, 0.4, -10.0);
+    add_quad(&mut scene, grey(), corner, 20.0 * z, 1.0 * y);
+    add_quad(&mut scene, grey(), corner + 0.2 * x, 1.0 * y, 20.0 * z);
+    add_quad(&mut scene, grey(), corner, 0.2 * x, 20.0 * z);
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+    for patches in [400, 410, 420, 430, 440, 450, 460, 470] {
+        let cut = divide(&world, &options(patches, 16)).cut;
+        for p in 0..cut.patches().len() as u32 {
+            let across: Vec<f32> = cut
+                .elements_of(PatchId(p))
+                .map(|k| cut.elements()[k])
+                .filter(|e| e.triangle < 2)
+                .map(|e| {
+                    let [a, b, c] = soup.triangles[e.triangle as usize];
+                    (a + (b - a) * e.u + (c - a) * e.v).x
+                })
+                .collect();
+            let sides = [-1.0, 1.0].map(|side| across.iter().any(|x| side * (x - 1.1) > 0.1));
+            assert!(sides != [true; 2], "{patches} patches: {across:?}");
+        }
+    }
+}
+
 /// A lamp behind bars is partially visible from nearly everywhere.
 #[test]
 fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
