@@ -452,15 +452,9 @@ impl<'a> World<'a> {
     pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
         let blocked = |lift: f32| {
             let top = above_the_middle(a, b, lift);
-            [a, b].into_iter().any(|end| {
-                let ray = Ray {
-                    origin: end.origin,
-                    direction: top - end.origin,
-                    t_min: 0.0,
-                    t_max: 1.0,
-                };
-                self.bvh.occluded(&ray, &Opaque)
-            })
+            [a, b]
+                .into_iter()
+                .any(|end| self.bvh.occluded(&up_to(end.origin, top), &Opaque))
         };
         if !blocked(lift) {
             return false;
@@ -494,13 +488,7 @@ impl<'a> World<'a> {
     pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32, of: Backs) -> bool {
         let top = above_the_middle(a, b, lift);
         let first = |end: &SurfacePoint| {
-            let direction = top - end.origin;
-            let ray = Ray {
-                origin: end.origin,
-                direction,
-                t_min: 0.0,
-                t_max: 1.0,
-            };
+            let ray = up_to(end.origin, top);
             (self.bvh.closest_hit(&ray, &Opaque)).map(|hit| self.facing(&ray, hit))
         };
         // One of the two segments may hit nothing.
@@ -774,6 +762,17 @@ fn above_the_middle(a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> Vec3 {
 /// [`World::offset`] in a scene whose largest coordinate is `radius`.
 pub(crate) fn offset(position: Vec3, radius: f32) -> f32 {
     1e-6 * position.abs().max_element() + 2e-7 * radius
+}
+
+/// A ray to a point and a thousandth further: of two that meet there, at least one crosses a wall
+/// through the point. Levels are built on grids, so walls often pass half-way between two lumels.
+fn up_to(origin: Vec3, to: Vec3) -> Ray {
+    Ray {
+        origin,
+        direction: to - origin,
+        t_min: 0.0,
+        t_max: 1.001,
+    }
 }
 
 /// A ray that ends nowhere.

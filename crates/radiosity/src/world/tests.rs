@@ -56,6 +56,21 @@ fn a_wall_stands_between_what_it_parts() {
 }
 
 #[test]
+fn a_wall_stands_half_way_between_two_points_wherever_they_are() {
+    // Walls of a grid of 40 cm, 20 to 24 m from the origin, and lumels of 20 cm on both sides.
+    for k in 0..100 {
+        let x = 20.0 + 0.041 * k as f32;
+        let mut scene = floor();
+        let corner = Vec3::new(x, -0.5, -1.0);
+        let grey = material(0.5, Vec3::ZERO);
+        add_quad(&mut scene, grey, corner, Vec3::Y, Vec3::Z * 2.0);
+        for d in [0.1, 0.01, 0.3] {
+            assert!(walled(&scene, [x - d, 0.0], [x + d, 0.03]), "{x}, {d}");
+        }
+    }
+}
+
+#[test]
 fn of_faces_back_to_back_each_side_sees_a_front() {
     // A leaning wall, 40 m from the origin so that positions are rounded: one quad shows one side,
     // and three that share no triangle with it the other.
