@@ -179,6 +179,28 @@ fn small_pieces_on_two_sides_of_something_large_stay_apart() {
 }
 
 #[test]
+fn a_cell_has_at_most_four_places_for_small_pieces() {
+    // Ten leaves above each other in one voxel; nothing sees anything.
+    let mut all = Vec::new();
+    for k in 0..10 {
+        let corner = Vec3::new(0.1, 0.1 + 0.05 * k as f32, 0.1);
+        all.extend(quad(corner, 0.1 * Vec3::Z, 0.1 * Vec3::X));
+    }
+    let large = all.len() as u32;
+    let corner = Vec3::new(-10.0, -5.0, -10.0);
+    all.extend(quad(corner, 20.0 * Vec3::Z, 20.0 * Vec3::X));
+    let s = soup(all);
+    let options = Options {
+        patches: 400,
+        region_share: 1.0,
+        ..Options::default()
+    };
+    let d = Subdivision::build_among(&s, |_| false, &|_, _| Some(large), &options);
+    // The ground's and four of leaves.
+    assert_eq!(d.stats().regions, 5);
+}
+
+#[test]
 fn every_surface_point_finds_its_patch_and_taps_that_sum_to_one() {
     for (s, two) in [
         (soup(cube()), false),
