@@ -181,7 +181,7 @@ pub(crate) fn gather_regions(
     merge_small(soup, &two_sided, &apart, size, &mut of_triangle, regions)
 }
 
-/// The first opaque triangle between two points, if there is one.
+/// The first opaque triangle of the [`Soup`] between two points, if there is one.
 pub type Between<'a> = dyn Fn(Vec3, Vec3) -> Option<u32> + Sync + 'a;
 
 /// Tells whether small pieces of surface are in different places.
@@ -193,7 +193,8 @@ struct Apart<'a> {
 
 impl Apart<'_> {
     /// Whether something larger than the voxel, e.g. a wall or a cloth, stands between two points:
-    /// neither sees the other, nor do both see one of six points about the middle.
+    /// neither sees the other, nor do both see one of six points about the middle. Something small
+    /// in front of it, such as the piece of a point itself, hides it.
     fn are(&self, a: Vec3, b: Vec3, voxel: f32) -> bool {
         let open = |from: Vec3, to: Vec3| {
             (self.between)(from, to).is_none_or(|t| self.extents[t as usize] <= voxel)

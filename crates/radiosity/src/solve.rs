@@ -518,7 +518,8 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
             triangle: e.triangle,
             uv: [e.u, e.v],
         };
-        let Some(t) = point(p, own).and_then(|point| first(k, point)) else {
+        let at = point(p, own);
+        let Some(t) = at.and_then(|point| first(k, point)) else {
             return Seen {
                 buried: true,
                 ..Seen::default()
@@ -542,11 +543,11 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         let moved = moved.map(|(_, on)| on);
         let points = beneath(p, k, moved.unwrap_or(own), &mut drawn);
         let share = partly(&points, element_edge(cut, e.triangle));
-        let mut all = points.iter().copied().chain(point(p, own));
+        let mut all = points.iter().chain(&at);
         Seen {
             buried: false,
             close: t < edge,
-            under: all.any(|point| world.covered(&point, edge)),
+            under: all.any(|point| world.covered(point, edge)),
             moved: moved.map(|on| (id, on)),
             partly: share.map(|share| (id, share)),
         }
