@@ -181,8 +181,9 @@ pub(crate) fn gather_regions(
     merge_small(soup, &two_sided, &apart, size, &mut of_triangle, regions)
 }
 
-/// The first opaque triangle of the [`Soup`] between two points, if there is one.
-pub type Between<'a> = dyn Fn(Vec3, Vec3) -> Option<u32> + Sync + 'a;
+/// Whether one of the opaque triangles of the [`Soup`] between two points is such as the third
+/// argument says.
+pub type Between<'a> = dyn Fn(Vec3, Vec3, &dyn Fn(u32) -> bool) -> bool + Sync + 'a;
 
 /// Tells whether small pieces of surface are in different places.
 struct Apart<'a> {
@@ -193,17 +194,17 @@ struct Apart<'a> {
 
 impl Apart<'_> {
     /// Whether something larger than the voxel, e.g. a wall or a cloth, stands between two points:
-    /// neither sees the other, nor do both see one of six points about the middle. Something small
-    /// in front of it, such as the piece of a point itself, hides it.
+    /// neither sees the other, nor do both see one of six points about the middle.
     fn are(&self, a: Vec3, b: Vec3, voxel: f32) -> bool {
-        let open = |from: Vec3, to: Vec3| {
-            (self.between)(from, to).is_none_or(|t| self.extents[t as usize] <= voxel)
-        };
+        let large = |t: u32| self.extents[t as usize] > voxel;
+        let open = |from: Vec3, to: Vec3| !(self.between)(from, to, &large);
+        // A thousandth beyond, so that something through the middle itself is met.
+        let reaches = |from: Vec3, via: Vec3| open(from, via + 1e-3 * (via - from));
         let middle = 0.5 * (a + b);
         let aside = |axis: Vec3| {
             [0.5 * voxel, -0.5 * voxel].into_iter().any(|far| {
                 let via = middle + far * axis;
-                open(a, via) && open(b, via)
+                reaches(a, via) && reaches(b, via)
             })
         };
         !open(a, b) && !Vec3::AXES.into_iter().any(aside)

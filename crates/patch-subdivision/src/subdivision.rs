@@ -189,11 +189,11 @@ impl Subdivision {
     ///
     /// Deterministic for any number of threads; O(n log n) in triangles plus O(elements).
     pub fn build(soup: &Soup, two_sided: impl Fn(usize) -> bool + Sync, options: &Options) -> Self {
-        Self::build_among(soup, two_sided, &|_, _| None, options)
+        Self::build_among(soup, two_sided, &|_, _, _| false, options)
     }
 
     /// [`build`](Self::build), but small pieces that face the same way do not become one patch if
-    /// the first opaque thing between them is larger; up to four places in a patch's size stay
+    /// something larger than a patch stands between them; up to four places in a patch's size stay
     /// apart. `between` is called at most 156 times for each piece.
     pub fn build_among(
         soup: &Soup,

@@ -371,7 +371,7 @@ pub(crate) struct Divided {
 
 /// A scene's patches, before rays tell which of them are hidden or divided.
 pub fn cut_surfaces(world: &World, options: &patch_subdivision::Options) -> Subdivision {
-    let between = |a, b| world.first_between(a, b).map(|hit| hit.triangle);
+    let between = |a: Vec3, b: Vec3, counts: &dyn Fn(u32) -> bool| world.any_between(a, b, counts);
     let two_sided = |t| world.two_sided(t as u32);
     Subdivision::build_among(world.soup, two_sided, &between, options)
 }

@@ -483,6 +483,28 @@ impl<'a> World<'a> {
         self.bvh.closest_hit(&ray, &Opaque)
     }
 
+    /// Whether one of the first opaque surfaces between two points, up to [`PIERCED`] of them, is a
+    /// triangle that `counts`.
+    pub(crate) fn any_between(&self, from: Vec3, to: Vec3, counts: impl Fn(u32) -> bool) -> bool {
+        let mut ray = Ray {
+            origin: from,
+            direction: to - from,
+            t_min: 0.0,
+            t_max: 1.0,
+        };
+        for _ in 0..PIERCED {
+            let Some(hit) = self.bvh.closest_hit(&ray, &Opaque) else {
+                return false;
+            };
+            if counts(hit.triangle) {
+                return true;
+            }
+            let at = from + hit.t * ray.direction;
+            ray.t_min = hit.t + self.offset(at) / ray.direction.length();
+        }
+        false
+    }
+
     /// Whether `a` is behind and `b` in front of a surface: the first hit on the segments of
     /// [`wall_between`](Self::wall_between) shows its back to `a` and its front to `b`.
     pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32, of: Backs) -> bool {
@@ -713,6 +735,9 @@ fn clip(polygon: &Polygon, height: impl Fn(Vec3) -> f32) -> Polygon {
     }
     out
 }
+
+/// Surfaces that [`World::any_between`] looks through: leaves and the two sides of a piece itself.
+const PIERCED: usize = 4;
 
 /// Stops only at fully opaque surfaces.
 struct Opaque;

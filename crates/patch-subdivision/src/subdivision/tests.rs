@@ -141,8 +141,10 @@ fn small_pieces_on_two_sides_of_something_large_stay_apart() {
         all.extend(&between);
         let s = soup(all);
         // The pieces between lie in planes of one height.
-        let crossed = |a: Vec3, b: Vec3| {
-            let corners = s.triangles.get(4)?;
+        let crossed = |a: Vec3, b: Vec3, counts: &dyn Fn(u32) -> bool| {
+            let Some(corners) = s.triangles.get(4) else {
+                return false;
+            };
             let t = (corners[0].y - a.y) / (b.y - a.y);
             let at = a + t * (b - a);
             let (low, high) = (s.triangles[4..].iter().flatten())
@@ -150,7 +152,7 @@ fn small_pieces_on_two_sides_of_something_large_stay_apart() {
                     (low.min(*p), high.max(*p))
                 });
             let inside = (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z);
-            ((0.0..1.0).contains(&t) && inside).then_some(4)
+            (0.0..1.0).contains(&t) && inside && counts(4)
         };
         let options = Options {
             patches: 400,
@@ -195,7 +197,7 @@ fn a_cell_has_at_most_four_places_for_small_pieces() {
         region_share: 1.0,
         ..Options::default()
     };
-    let d = Subdivision::build_among(&s, |_| false, &|_, _| Some(large), &options);
+    let d = Subdivision::build_among(&s, |_| false, &|_, _, counts| counts(large), &options);
     // The ground's and four of leaves.
     assert_eq!(d.stats().regions, 5);
 }

@@ -602,6 +602,35 @@ fn elements_at_the_edge_of_a_gap_stand_for_what_is_seen_of_them() {
     assert!(seen as f32 > 0.8 * rim as f32, "{seen} of {rim}");
 }
 
+/// Two leaves, one below the other, above a floor; a sheet is between them or below both.
+#[test]
+fn leaves_on_two_sides_of_a_sheet_are_two_patches() {
+    for (between, patches) in [(true, 2), (false, 1)] {
+        let mut scene = Scene::default();
+        let (x, z) = (Vec3::X, Vec3::Z);
+        let grey = || material(0.5, Vec3::ZERO);
+        for y in [0.6, 0.2] {
+            let corner = Vec3::new(0.1, y, 0.1);
+            add_quad(&mut scene, grey(), corner, 0.1 * z, 0.1 * x);
+        }
+        for y in [-5.0, if between { 0.4 } else { -4.0 }] {
+            let corner = Vec3::new(-10.0, y, -10.0);
+            add_quad(&mut scene, grey(), corner, 20.0 * z, 20.0 * x);
+        }
+        let soup = Soup::build(&scene);
+        let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+        // Patches are 1 m wide, and the leaves in one cell of the grid around the scene's centre.
+        let mut options = options(800, 16).cut;
+        options.region_share = 1.0;
+        let cut = cut_surfaces(&world, &options);
+        let of_leaves = (cut.elements().iter())
+            .filter(|e| e.triangle < 4)
+            .map(|e| cut.region_of(e.triangle));
+        let found: std::collections::BTreeSet<_> = of_leaves.collect();
+        assert_eq!(found.len(), patches, "a sheet between them: {between}");
+    }
+}
+
 /// A wall ends 0.4 m above the floor, a sixth of a patch's width.
 #[test]
 fn no_patch_passes_under_a_wall() {
