@@ -10,6 +10,12 @@ use crate::planes::{Plane, Wanted};
 use crate::points::{OpenPoints, Sampling};
 use crate::tracer::Tracer;
 
+/// Emissive triangles nearer to a point than this fraction of its footprint's size do not light it. A
+/// lamp that stands out of a ceiling by a millimetre lights a hairline beside it, and a lumel would
+/// be as bright as its points happen to lie on that line: one to twenty times as bright as the
+/// ceiling. Beside a tall lamp a lumel lacks this fraction of its light.
+const HAIRLINE: f32 = 1.0 / 32.0;
+
 /// Gathers light at footprints.
 #[derive(Clone)]
 pub struct Gatherer<'w, 'a> {
@@ -67,7 +73,7 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Direct light on the open points.
+    /// Direct light on the open points, but for [hairlines](HAIRLINE).
     pub(crate) fn direct_light<F: Footprint>(
         &self,
         mut points: OpenPoints<F>,
@@ -79,6 +85,10 @@ impl Gatherer<'_, '_> {
         let masks = points.instance().map(|i| self.world().mask_lamps(i));
         let mut parts = self.wanted.direct_parts(masks.unwrap_or_default());
         let (seed, size) = (seed ^ 0x68bc_21eb, points.size());
+        let known = &Known {
+            nearest: HAIRLINE * size,
+            ..*known
+        };
         let point = |i: u32| points.get(i);
         let lights = &self.tracer.direct;
         let out = lights.irradiance_parts(point, size, seed, options, known, &mut parts);
@@ -89,5 +99,9 @@ impl Gatherer<'_, '_> {
 
 /// Known before direct light is computed: luminance of the rest, and lights to sample densely.
 pub(crate) fn known(light: f32, look: u32) -> Known {
-    Known { light, look }
+    Known {
+        light,
+        look,
+        ..Known::default()
+    }
 }

@@ -58,6 +58,8 @@ pub struct Known {
     /// Lights that get as many shadow rays as in a penumbra, as a bit mask like
     /// [`DirectEstimate::mixed`].
     pub look: u32,
+    /// Emissive triangles nearer than this to a point do not light it, metres.
+    pub nearest: f32,
 }
 
 /// Direct irradiance at a receiver.
@@ -228,6 +230,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             point: &mut point,
             first,
             scale,
+            nearest: known.nearest,
             set: 1,
             seed,
             options,
@@ -432,6 +435,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let mut tally = Tally::new(work.parts, groups, kind);
         // Lamps of a group have no common closed form.
         tally.plainly = matches!(term, Term::Lamps(..));
+        tally.nearest = work.nearest;
         let mut light = Started {
             is_random,
             tally,
@@ -543,6 +547,8 @@ struct Work<'r, 't, P> {
     point: &'r mut P,
     first: SurfacePoint,
     scale: f32,
+    /// See [`Known::nearest`].
+    nearest: f32,
     /// Set of random numbers for the next light.
     set: u32,
     seed: u32,

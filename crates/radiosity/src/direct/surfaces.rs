@@ -1,6 +1,7 @@
 //! Samples of emissive surfaces at one point of a receiver.
 
 use glam::{DVec3, Vec3};
+use visibility::closest_point;
 
 use super::DirectLight;
 use super::tally::{Sample, Tally};
@@ -52,7 +53,7 @@ impl DirectLight<'_, '_> {
         tally: &mut Tally,
     ) {
         let unoccluded = self.form_factor(e, p) * std::f32::consts::PI;
-        if unoccluded <= 0.0 {
+        if unoccluded <= 0.0 || is_nearer(e, p, tally.nearest) {
             return;
         }
         // Samples a point of the triangle, weighted by the light from there. The part below the
@@ -151,7 +152,8 @@ impl DirectLight<'_, '_> {
         let facing = -e.normal.dot(v);
         let facing = if e.two_sided { facing.abs() } else { facing };
         let cos = p.normal.dot(v);
-        if facing <= 0.0 || cos <= 0.0 || p.geometric.dot(v) <= 0.0 {
+        let faces = facing > 0.0 && cos > 0.0 && p.geometric.dot(v) > 0.0;
+        if !faces || is_nearer(e, p, tally.nearest) {
             if let Some(unoccluded) = unoccluded {
                 tally.unweighted(unoccluded);
             }
@@ -206,6 +208,12 @@ impl DirectLight<'_, '_> {
         let v = ((d11 * p2 - d12 * p1) / det).clamp(0.0, 1.0 - u);
         self.world.scene.emitted(self.world.soup, e.triangle, u, v)
     }
+}
+
+/// Whether an emitter is nearer to a point than this, metres.
+fn is_nearer(e: &Emitter, p: &SurfacePoint, metres: f32) -> bool {
+    let distance = || closest_point(e.corners, p.position).0.distance(p.position);
+    metres > 0.0 && distance() < metres
 }
 
 /// A point uniform on the triangle.

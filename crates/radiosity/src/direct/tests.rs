@@ -273,6 +273,27 @@ fn only_a_two_sided_panel_shines_backwards() {
 }
 
 #[test]
+fn a_panel_nearer_than_counts_gives_nothing() {
+    let mut scene = floor();
+    add_panel(&mut scene, 1.0, 1.0, 0.01, 1.0, false);
+    let at = receiver(Vec3::ZERO, Vec3::Z);
+    let light = |nearest: f32| {
+        let known = Known {
+            nearest,
+            ..Known::default()
+        };
+        let parts = &mut DirectParts::default();
+        with_light(&scene, |l| {
+            l.irradiance_parts(|_| at, 0.0, 1, &FEW, &known, parts)
+                .irradiance
+        })
+    };
+    assert_eq!(light(0.0099), light(0.0));
+    assert!(light(0.0).x > 0.9 * std::f32::consts::PI);
+    assert_eq!(light(0.0101), Vec3::ZERO);
+}
+
+#[test]
 fn a_receiver_in_the_panels_plane_or_turned_away_gets_nothing() {
     let mut scene = floor();
     add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, false);
