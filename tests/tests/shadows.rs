@@ -123,12 +123,12 @@ fn settings(cut_charts: bool) -> Settings {
 
 /// The share of the ground's lumels that are neither lit nor shaded, but for 1 %.
 fn mixed(bake: &Bake) -> f64 {
-    between(bake, 0.01, 0.99)
+    between(bake, "ground", 0.01, 0.99)
 }
 
-/// The share of the ground's lumels with more and less than these fractions of the light.
-fn between(bake: &Bake, low: f64, high: f64) -> f64 {
-    let lumels = lumels_of(bake, "ground");
+/// The share of a node's lumels with more and less than these fractions of the light.
+fn between(bake: &Bake, node: &str, low: f64, high: f64) -> f64 {
+    let lumels = lumels_of(bake, node);
     let lit = lumels.iter().map(|l| l.red()).fold(0.0, f64::max);
     let between = lumels
         .iter()
@@ -178,6 +178,26 @@ fn what_has_no_material_is_cut_as_well() {
         notes.iter().any(|n| n.contains("charts end along")),
         "{notes:?}"
     );
+}
+
+#[test]
+fn both_of_two_coincident_panels_are_cut() {
+    // Rays that look for the ground meet either.
+    let glb = edited(&board(0.0), |json| {
+        let nodes = json["nodes"].as_array_mut().expect("nodes");
+        let mut panel = nodes[0].clone();
+        panel["name"] = "panel".into();
+        panel["translation"] = serde_json::json!([0.7, 0.0, 0.4]);
+        nodes.push(panel);
+        let last = nodes.len() - 1;
+        let roots = json["scenes"][0]["nodes"].as_array_mut();
+        roots.expect("roots").push(last.into());
+    });
+    let [whole, cut] = [false, true].map(|cut| bake(&glb, &settings(cut)));
+    for node in ["ground", "panel"] {
+        let [whole, cut] = [&whole, &cut].map(|bake| between(bake, node, 0.01, 0.99));
+        assert!(whole > 0.01 && cut < 0.002, "{node}: {whole}, {cut}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
-use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
+use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray, closest_point};
 
 use crate::bounce::Bounce;
 use crate::curved::{Curved, height};
@@ -481,6 +481,13 @@ impl<'a> World<'a> {
             t_max: 1.0,
         };
         self.bvh.closest_hit(&ray, &Opaque)
+    }
+
+    /// Whether a point is on a triangle that `counts`, up to this distance, metres.
+    pub fn is_on(&self, p: Vec3, reach: f32, counts: impl Fn(u32) -> bool) -> bool {
+        self.bvh.any_near(p - reach, p + reach, |t, corners| {
+            counts(t) && closest_point(corners, p).0.distance(p) <= reach
+        })
     }
 
     /// Whether one of the first opaque surfaces between two points, up to [`PIERCED`] of them, is a

@@ -232,14 +232,14 @@ impl<'l> Level<'l> {
     }
 
     /// Whether a point of the plane of a triangle is on its surface, where somebody may see it.
+    /// Others may be in the same place: of coincident panels any may be the one that is seen.
     fn is_on(&self, p: Vec3, triangle: u32, ground: &Ground) -> bool {
-        let lift = ground.up * (LIFTED * self.world.offset(p));
-        let hit = self.world.first_between(p + lift, p - lift);
+        let lift = LIFTED * self.world.offset(p);
         let own = self.surfaces.of(triangle);
-        let same = hit.is_some_and(|hit| self.surfaces.of(hit.triangle) == own);
+        let same = self.world.is_on(p, lift, |t| self.surfaces.of(t) == own);
         let point = || SurfacePoint {
             position: p,
-            origin: p + lift,
+            origin: p + ground.up * lift,
             normal: ground.up,
             geometric: ground.up,
         };
