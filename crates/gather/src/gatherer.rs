@@ -10,11 +10,11 @@ use crate::planes::{Plane, Wanted};
 use crate::points::{OpenPoints, Sampling};
 use crate::tracer::Tracer;
 
-/// Emissive triangles nearer to a point than this fraction of its footprint's size do not light it. A
-/// lamp that stands out of a ceiling by a millimetre lights a hairline beside it, and a lumel would
-/// be as bright as its points happen to lie on that line: one to twenty times as bright as the
-/// ceiling. Beside a tall lamp a lumel lacks this fraction of its light.
-const HAIRLINE: f32 = 1.0 / 32.0;
+/// Emissive triangles that rise less than this fraction of a footprint's size above it do not light
+/// it. A lamp that stands out of a ceiling by a millimetre lights a hairline beside it, and a lumel
+/// would be as bright as its points happen to lie on that line: one to twenty times as bright as the
+/// ceiling.
+const HAIRLINE: f32 = 1.0 / 16.0;
 
 /// Gathers light at footprints.
 #[derive(Clone)]
@@ -86,7 +86,7 @@ impl Gatherer<'_, '_> {
         let mut parts = self.wanted.direct_parts(masks.unwrap_or_default());
         let (seed, size) = (seed ^ 0x68bc_21eb, points.size());
         let known = &Known {
-            nearest: HAIRLINE * size,
+            lowest: HAIRLINE * size,
             ..*known
         };
         let point = |i: u32| points.get(i);

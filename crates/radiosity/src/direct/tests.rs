@@ -273,13 +273,13 @@ fn only_a_two_sided_panel_shines_backwards() {
 }
 
 #[test]
-fn a_panel_nearer_than_counts_gives_nothing() {
+fn a_panel_lower_than_counts_gives_nothing() {
     let mut scene = floor();
     add_panel(&mut scene, 1.0, 1.0, 0.01, 1.0, false);
     let at = receiver(Vec3::ZERO, Vec3::Z);
-    let light = |nearest: f32| {
+    let light = |lowest: f32| {
         let known = Known {
-            nearest,
+            lowest,
             ..Known::default()
         };
         let parts = &mut DirectParts::default();
