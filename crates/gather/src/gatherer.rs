@@ -10,10 +10,12 @@ use crate::planes::{Plane, Wanted};
 use crate::points::{OpenPoints, Sampling};
 use crate::tracer::Tracer;
 
-/// Emissive triangles that rise less than this fraction of a footprint's size above it do not light
-/// it. A lamp that stands out of a ceiling by a millimetre lights a hairline beside it, and a lumel
-/// would be as bright as its points happen to lie on that line: one to twenty times as bright as the
-/// ceiling.
+/// Emissive triangles that are nearer to a point than this fraction of its footprint's size, and rise
+/// less than that above it, do not light it. A lamp that stands out of a ceiling by a millimetre
+/// lights a hairline beside it, and a lumel would be as bright as its points happen to lie on that
+/// line: one to twenty times as bright as the ceiling. Without the first condition a campfire would
+/// not light ground of wide lumels, and without the second a plate that stands on the ground would
+/// lose 1 % of its light.
 const HAIRLINE: f32 = 1.0 / 16.0;
 
 /// Gathers light at footprints.
@@ -86,7 +88,7 @@ impl Gatherer<'_, '_> {
         let mut parts = self.wanted.direct_parts(masks.unwrap_or_default());
         let (seed, size) = (seed ^ 0x68bc_21eb, points.size());
         let known = &Known {
-            lowest: HAIRLINE * size,
+            beside: HAIRLINE * size,
             ..*known
         };
         let point = |i: u32| points.get(i);

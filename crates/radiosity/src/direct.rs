@@ -58,8 +58,9 @@ pub struct Known {
     /// Lights that get as many shadow rays as in a penumbra, as a bit mask like
     /// [`DirectEstimate::mixed`].
     pub look: u32,
-    /// Emissive triangles that rise less than this above a point's surface do not light it, metres.
-    pub lowest: f32,
+    /// Emissive triangles that are this near to a point and rise less than this above its surface do
+    /// not light it, metres.
+    pub beside: f32,
 }
 
 /// Direct irradiance at a receiver.
@@ -230,7 +231,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             point: &mut point,
             first,
             scale,
-            lowest: known.lowest,
+            beside: known.beside,
             set: 1,
             seed,
             options,
@@ -435,7 +436,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let mut tally = Tally::new(work.parts, groups, kind);
         // Lamps of a group have no common closed form.
         tally.plainly = matches!(term, Term::Lamps(..));
-        tally.lowest = work.lowest;
+        tally.beside = work.beside;
         let mut light = Started {
             is_random,
             tally,
@@ -547,8 +548,8 @@ struct Work<'r, 't, P> {
     point: &'r mut P,
     first: SurfacePoint,
     scale: f32,
-    /// See [`Known::lowest`].
-    lowest: f32,
+    /// See [`Known::beside`].
+    beside: f32,
     /// Set of random numbers for the next light.
     set: u32,
     seed: u32,

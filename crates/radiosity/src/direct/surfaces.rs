@@ -1,6 +1,7 @@
 //! Samples of emissive surfaces at one point of a receiver.
 
 use glam::{DVec3, Vec3};
+use visibility::closest_point;
 
 use super::DirectLight;
 use super::tally::{Sample, Tally};
@@ -52,7 +53,7 @@ impl DirectLight<'_, '_> {
         tally: &mut Tally,
     ) {
         let unoccluded = self.form_factor(e, p) * std::f32::consts::PI;
-        if unoccluded <= 0.0 || is_lower(e, p, tally.lowest) {
+        if unoccluded <= 0.0 || is_beside(e, p, tally.beside) {
             return;
         }
         // Samples a point of the triangle, weighted by the light from there. The part below the
@@ -152,7 +153,7 @@ impl DirectLight<'_, '_> {
         let facing = if e.two_sided { facing.abs() } else { facing };
         let cos = p.normal.dot(v);
         let faces = facing > 0.0 && cos > 0.0 && p.geometric.dot(v) > 0.0;
-        if !faces || is_lower(e, p, tally.lowest) {
+        if !faces || is_beside(e, p, tally.beside) {
             if let Some(unoccluded) = unoccluded {
                 tally.unweighted(unoccluded);
             }
@@ -209,10 +210,11 @@ impl DirectLight<'_, '_> {
     }
 }
 
-/// Whether an emitter rises less than this above a point's surface, metres.
-fn is_lower(e: &Emitter, p: &SurfacePoint, metres: f32) -> bool {
+/// Whether an emitter is this near to a point, and rises less than this above its surface, metres.
+fn is_beside(e: &Emitter, p: &SurfacePoint, metres: f32) -> bool {
     let height = |corner: &Vec3| p.geometric.dot(corner - p.position);
-    e.corners.iter().all(|c| height(c) < metres)
+    let distance = || closest_point(e.corners, p.position).0.distance(p.position);
+    e.corners.iter().all(|c| height(c) < metres) && distance() < metres
 }
 
 /// A point uniform on the triangle.

@@ -48,8 +48,8 @@ pub(super) struct Tally {
     /// which is negligible for the many samples of a lumel but not for the single one of
     /// `sample_one`.
     pub plainly: bool,
-    /// See [`Known::lowest`](super::Known::lowest).
-    pub lowest: f32,
+    /// See [`Known::beside`](super::Known::beside).
+    pub beside: f32,
     /// Light group of the last sample.
     pub group: usize,
 }

@@ -273,13 +273,13 @@ fn only_a_two_sided_panel_shines_backwards() {
 }
 
 #[test]
-fn a_panel_lower_than_counts_gives_nothing() {
+fn only_a_low_panel_beside_a_point_gives_nothing() {
     let mut scene = floor();
     add_panel(&mut scene, 1.0, 1.0, 0.01, 1.0, false);
     let at = receiver(Vec3::ZERO, Vec3::Z);
-    let light = |lowest: f32| {
+    let light = |beside: f32| {
         let known = Known {
-            lowest,
+            beside,
             ..Known::default()
         };
         let parts = &mut DirectParts::default();
@@ -291,6 +291,17 @@ fn a_panel_lower_than_counts_gives_nothing() {
     assert_eq!(light(0.0099), light(0.0));
     assert!(light(0.0).x > 0.9 * std::f32::consts::PI);
     assert_eq!(light(0.0101), Vec3::ZERO);
+    // As low, but a metre from the panel.
+    let at = receiver(Vec3::new(1.5, 0.0, 0.0), Vec3::Z);
+    let known = Known {
+        beside: 0.5,
+        ..Known::default()
+    };
+    let far = with_light(&scene, |l| {
+        let parts = &mut DirectParts::default();
+        l.irradiance_parts(|_| at, 0.0, 1, &FEW, &known, parts)
+    });
+    assert!(far.irradiance.x > 0.0);
 }
 
 #[test]
