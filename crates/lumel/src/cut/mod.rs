@@ -54,8 +54,9 @@ const BESIDE: f32 = 0.05;
 const MEET: f32 = 0.015;
 
 /// Shorter lines, in lumels, are not worth a border of charts where the light differs just
-/// [noticeably](NOTICED).
-const SHORT: f32 = 8.0;
+/// [noticeably](NOTICED). With 8, the shadows of leaves, crates and books were blurred, and the far
+/// side of where leaves cross was lit; with 1, no less is far too bright.
+const SHORT: f32 = 2.0;
 
 /// Nor is a border under a wall nearer than this, in lumels, to the end of the surface, unless the
 /// strip beyond it is seen across a room: else it is where a floor ends outside of the walls.
