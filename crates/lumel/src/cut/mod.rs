@@ -55,7 +55,7 @@ const MEET: f32 = 0.015;
 
 /// Shorter lines, in lumels, are not worth a border of charts where the light differs just
 /// [noticeably](NOTICED). With 8, the shadows of leaves, crates and books were blurred, and the far
-/// side of where leaves cross was lit; with 1, no less is far too bright.
+/// side of where leaves cross was lit.
 const SHORT: f32 = 2.0;
 
 /// Nor is a border under a wall nearer than this, in lumels, to the end of the surface, unless the
@@ -427,7 +427,7 @@ impl Chosen {
 /// Whether a line is noticed. Where the light differs more, shorter lines are.
 fn is_worth_it(length: f32, differ: f32, lumel: f32) -> bool {
     let stark = differ / NOTICED;
-    stark >= 1.0 && length * stark * stark >= SHORT * lumel
+    stark >= 1.0 && length * stark >= SHORT * lumel
 }
 
 /// The cuts, surface by surface.
