@@ -24,7 +24,7 @@ use crate::split;
 /// The plan and cost of a bake.
 ///
 /// Pages and lumels are exact unless [charts are made twice](Estimate::planned_twice): cuts add 0.3
-/// to 16 % of lumels to drawn levels. Rays, time and memory are estimates, see
+/// to 28 % of lumels to drawn levels. Rays, time and memory are estimates, see
 /// [`seconds`](Estimate::seconds).
 ///
 /// [`Baker::estimate`](crate::Baker::estimate) has an example.
@@ -174,8 +174,8 @@ pub fn estimate(
     let need = Need::of(&loaded, (&world, sky), settings, &layout, gather.counts);
     need.check(settings, &layout)?;
     let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
-    let seconds = plans * planning
-        + solves * solve_seconds
+    // With new charts, direct light and links are made anew; only the solved light is carried.
+    let seconds = plans * (planning + solve_seconds)
         + (probe_rays + stitching) / rate
         + gathered * gather.seconds * over;
     let mut files = output_names(file, settings);
