@@ -1,7 +1,9 @@
 //! Edges of shadows on flat surfaces are sharp at any density.
 
+use std::f32::consts::PI;
+
 use glam::{DVec2, Quat, Vec3};
-use lumel::{Bake, Quality, Settings};
+use lumel::{Bake, Quality, Settings, SkySource};
 use lumel_tests::geometry::{Geometry, cuboid, grid};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
@@ -134,6 +136,26 @@ fn between(bake: &Bake, node: &str, low: f64, high: f64) -> f64 {
         .iter()
         .filter(|l| (low..high).contains(&(l.red() / lit)));
     between.count() as f64 / lumels.len() as f64
+}
+
+/// Where the sky gives half of the light, too, so that the difference is just noticed: a board whose
+/// shadow is four by three lumels.
+#[test]
+fn short_edges_of_grey_shadows_are_cut() {
+    let small = [Vec3::new(-0.4, 1.0, -0.3), Vec3::new(0.4, 1.02, 0.3)];
+    let glb = boxes_over(8.0, &[small], 25.0, 0.0);
+    let noon = LUX * TO_SUN.normalize().y;
+    let [whole, cut] = [false, true].map(|cut| {
+        let settings = Settings {
+            sky: SkySource::Color([noon / PI; 3]),
+            ..settings(cut)
+        };
+        let bake = bake(&glb, &settings);
+        // The board takes a sixth of the sky from what it hovers over.
+        between(&bake, "ground", 0.6, 0.9)
+    });
+    assert!(whole > 0.002, "{whole}");
+    assert_eq!(cut, 0.0);
 }
 
 #[test]
