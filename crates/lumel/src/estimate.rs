@@ -45,8 +45,8 @@ pub struct Estimate {
     /// Number of reflection captures.
     pub reflections: usize,
     /// Whether charts will be made twice: they are cut under thin walls and along the edges of
-    /// shadows, or sheets get a lightmap for each side, once the light is known to differ there. With sheets, the light is solved
-    /// twice as well. Foretold by a coarse solve.
+    /// shadows, or sheets get a lightmap for each side, once the light is known to differ there.
+    /// With sheets, the light is solved twice as well. Foretold by a coarse solve.
     pub planned_twice: bool,
     /// Number of rays of all kinds.
     pub rays: f64,
