@@ -2,29 +2,30 @@
 
 use std::path::Path;
 
-use atlas::LayoutReport;
+use atlas::{Layout, LayoutReport};
 use atlas_bake::{WorkTime, gather_cost};
 use glam::Vec3;
-use radiosity::{Emitters, Monitor, World, WorldOptions};
+use mesh_ingest::Loaded;
+use radiosity::{Emitters, Monitor, Solution, World, WorldOptions};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::cache::Remembered;
 use crate::check::{check, check_name};
-use crate::cut;
 use crate::error::Error;
 use crate::files::{output_names, page_name};
 use crate::memory::Need;
-use crate::open::{Changes, Prepared, prepare};
+use crate::open::{Changes, Prepared, Uncut, prepare};
 use crate::plan::{bake_options, plan_layout};
 use crate::probes;
 use crate::scene_input::SceneInput;
 use crate::settings::{Quality, Settings};
-use crate::split;
+use crate::sky;
 
 /// The plan and cost of a bake.
 ///
-/// Pages and lumels are exact unless [charts are made twice](Estimate::planned_twice): cuts add 0.3
-/// to 28 % of lumels to drawn levels. Rays, time and memory are estimates, see
+/// Pages and lumels are exact unless [charts are made twice](Estimate::planned_twice): such charts
+/// are cut as a coarse solve asks for. Rays, time and memory are estimates, see
 /// [`seconds`](Estimate::seconds).
 ///
 /// [`Baker::estimate`](crate::Baker::estimate) has an example.
@@ -44,9 +45,9 @@ pub struct Estimate {
     pub probes: usize,
     /// Number of reflection captures.
     pub reflections: usize,
-    /// Whether charts will be made twice: they are cut under thin walls and along the edges of
-    /// shadows, or sheets get a lightmap for each side, once the light is known to differ there.
-    /// With sheets, the light is solved twice as well. Foretold by a coarse solve.
+    /// Whether charts are made twice: they are cut under thin walls and along the edges of shadows,
+    /// or sheets get a lightmap for each side, once the light is known to differ there. With
+    /// sheets, the light is solved twice as well.
     pub planned_twice: bool,
     /// Number of rays of all kinds.
     pub rays: f64,
@@ -65,8 +66,7 @@ pub struct Estimate {
 /// interpolated lumels, and vertices. Vertices are included even if vertex colours are off, because
 /// the cost of the scene's triangles remains.
 ///
-/// Generated levels took 0.8 to 1.25 times the estimate at draft, and about as much at quick and
-/// preview (lab/estimate.md).
+/// 45 generated levels took 0.78 to 1.39 times the estimate at quick (lab/estimate.md).
 fn over_gather(quality: Quality) -> f64 {
     match quality {
         Quality::Draft => 1.6,
@@ -111,97 +111,219 @@ pub fn estimate(
 ) -> Result<Estimate, Error> {
     check(settings)?;
     check_name(file)?;
-    let points = settings.probes.as_ref().map(probes::read).transpose()?;
+    sky::check_file(settings)?;
+    probes::check_file(settings)?;
+    let charts = Remembered::default();
+    let attempt = Attempt {
+        file,
+        settings,
+        charts: &charts,
+        monitor,
+    };
     let start = WorkTime::start();
-    let Prepared {
-        loaded, soup, sky, ..
-    } = prepare(SceneInput::File(file), settings, &Changes::default())?;
-    let scene = &loaded.scene;
-    let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
-    let probes = match (&settings.probes, points) {
-        (Some(source), Some(points)) => {
-            let volume = settings.probe_volume;
-            (probes::plan(source, points, (scene, &soup), volume)?.positions).len()
-        }
-        _ => 0,
-    };
-    let options = WorldOptions {
-        sky,
-        ..WorldOptions::default()
-    };
-    let world = World::build(scene, &soup, options)
-        .map_err(|e| Error::Internal(format!("cannot build the tree: {e}")))?;
-    let planning = start.serial();
-    let rate = rate(&world);
-
-    let solve = settings.solve_options(&soup);
-    let mut trial = solve;
-    trial.cut.patches = trial.cut.patches.min(TRIAL[0]);
-    trial.rays = trial.rays.min(TRIAL[1]);
-    let emitters = Emitters::collect(&world);
-    let (solution, trying) = fastest(|| radiosity::solve(&world, &emitters, &trial, monitor));
-    if solution.report.cancelled {
-        return Err(Error::Cancelled);
+    let uncut = prepare(SceneInput::File(file), settings, &Changes::default())?;
+    let first = attempt.run(&uncut, None, start)?;
+    let start = WorkTime::start();
+    let changes = first.to_change(&uncut.loaded, settings);
+    let choosing = start.parallel();
+    if changes.is_empty() {
+        return attempt.estimate(&uncut, &first, None);
     }
-    // Levels with many small objects have many more patches than requested, and more than the
-    // trial.
-    let tried = &solution.report;
-    let patches = |cut| radiosity::cut_surfaces(&world, cut).patches().len();
-    let more = patches(&solve.cut) as f64 / patches(&trial.cut).max(1) as f64;
-    let per_ray = tried.link_rays as f64 / f64::from(tried.rays_per_patch.max(1));
-    let links = per_ray * more * f64::from(solve.rays);
-    let solving = links + tried.shadow_rays as f64 * more;
-    // Processing a ray takes longer than casting it, and costs the same in the trial.
-    let solve_seconds = trying * solving / ((tried.link_rays + tried.shadow_rays) as f64).max(1.0);
-    let solved_twice =
-        settings.split_sides && !split::wanted(&loaded, &world, &solution).is_empty();
-    let planned_twice = solved_twice
-        || settings.cut_charts
-            && !cut::wanted(&loaded, (&world, &emitters, &solution), &layout).is_empty();
-    let [plans, solves] =
-        [planned_twice, solved_twice].map(|twice| 1.0 + f64::from(u8::from(twice)));
-    let options = bake_options(settings);
-    let gather = gather_cost(&world, &emitters, &solution, &plan, &options);
-    let gathered = gather.gathered as f64;
-    let over = over_gather(settings.quality);
-    let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
-    let reflections = scene.reflections.len();
-    let captured = probes::reflection_options(settings.quality).rays_each();
-    let probe_rays = probe_rays + reflections as f64 * captured as f64;
-    let rays = solves * solving + gathered * gather.rays * over + probe_rays;
-    let samples = gather.counts.seam_samples as f64;
-    let sky = &world.sky;
-    let need = Need::of(&loaded, (&world, sky), settings, &layout, gather.counts);
-    need.check(settings, &layout)?;
-    let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
-    // With new charts, direct light and links are made anew; only the solved light is carried.
-    let seconds = plans * (planning + solve_seconds)
-        + (probe_rays + stitching) / rate
-        + gathered * gather.seconds * over;
+    let mut before = first.cost;
+    before.seconds += choosing;
+    let solution = first.into_solution();
+    let soup = uncut.soup;
+    let light = changes.only_cut().then(|| Uncut { soup, solution });
+    let start = WorkTime::start();
+    let cut = prepare(SceneInput::File(file), settings, &changes)?;
+    let second = attempt.run(&cut, light, start)?;
+    attempt.estimate(&cut, &second, Some(before))
+}
+
+/// A level with charts and coarse light.
+struct Tried<'l> {
+    plan: Layout,
+    layout: LayoutReport,
+    world: World<'l>,
+    emitters: Emitters,
+    solution: Solution,
+    cost: Cost,
+}
+
+/// What is done before light is gathered.
+#[derive(Clone, Copy)]
+struct Cost {
+    rays: f64,
+    seconds: f64,
+}
+
+impl Tried<'_> {
+    fn into_solution(self) -> Solution {
+        self.solution
+    }
+
+    fn to_change(&self, loaded: &Loaded, settings: &Settings) -> Changes {
+        let lit = (&self.world, &self.emitters, &self.solution);
+        Changes::wanted(loaded, lit, &self.layout, settings)
+    }
+}
+
+/// Tries out a bake's attempts.
+struct Attempt<'a> {
+    file: &'a Path,
+    settings: &'a Settings,
+    charts: &'a Remembered,
+    monitor: &'a dyn Monitor,
+}
+
+impl Attempt<'_> {
+    /// Plans a level that is read since `start`, and solves its light coarsely. Light of an earlier
+    /// attempt is kept, as a bake does.
+    fn run<'l>(
+        &self,
+        level: &'l Prepared,
+        uncut: Option<Uncut>,
+        start: WorkTime,
+    ) -> Result<Tried<'l>, Error> {
+        let (scene, soup, settings) = (&level.loaded.scene, &level.soup, self.settings);
+        let (plan, layout) = plan_layout(
+            self.file,
+            scene,
+            soup,
+            settings,
+            Some(self.charts),
+            self.monitor,
+        )?;
+        let options = WorldOptions {
+            sky: level.sky.clone(),
+            ..WorldOptions::default()
+        };
+        let world = World::build(scene, soup, options)
+            .map_err(|e| Error::Internal(format!("cannot build the tree: {e}")))?;
+        let emitters = Emitters::collect(&world);
+        let planning = start.serial();
+        let start = WorkTime::start();
+        let carried = uncut.and_then(|light| light.solution.carried(&light.soup, &world));
+        let (solution, solving) = match carried {
+            Some(solution) => (
+                solution,
+                Cost {
+                    rays: 0.0,
+                    seconds: start.parallel(),
+                },
+            ),
+            None => self.solve(&world, &emitters)?,
+        };
+        Ok(Tried {
+            cost: Cost {
+                rays: solving.rays,
+                seconds: planning + solving.seconds,
+            },
+            plan,
+            layout,
+            world,
+            emitters,
+            solution,
+        })
+    }
+
+    /// Solves light coarsely. Returns the cost of the solve that the settings ask for.
+    fn solve(&self, world: &World, emitters: &Emitters) -> Result<(Solution, Cost), Error> {
+        let solve = self.settings.solve_options(world.soup);
+        let mut trial = solve;
+        trial.cut.patches = trial.cut.patches.min(TRIAL[0]);
+        trial.rays = trial.rays.min(TRIAL[1]);
+        let (solution, trying) =
+            fastest(|| radiosity::solve(world, emitters, &trial, self.monitor));
+        let tried = &solution.report;
+        if tried.cancelled {
+            return Err(Error::Cancelled);
+        }
+        // Levels with many small objects have many more patches than requested, and more than the
+        // trial.
+        let patches = |cut| radiosity::cut_surfaces(world, cut).patches().len();
+        let more = patches(&solve.cut) as f64 / patches(&trial.cut).max(1) as f64;
+        let per_ray = tried.link_rays as f64 / f64::from(tried.rays_per_patch.max(1));
+        let links = per_ray * more * f64::from(solve.rays);
+        let rays = links + tried.shadow_rays as f64 * more;
+        // Processing a ray takes longer than casting it, and costs the same in the trial.
+        let seconds = trying * rays / ((tried.link_rays + tried.shadow_rays) as f64).max(1.0);
+        Ok((solution, Cost { rays, seconds }))
+    }
+
+    /// The estimate, from the last attempt and the cost of one before.
+    fn estimate(
+        &self,
+        level: &Prepared,
+        tried: &Tried,
+        before: Option<Cost>,
+    ) -> Result<Estimate, Error> {
+        let (file, settings) = (self.file, self.settings);
+        let (world, layout) = (&tried.world, &tried.layout);
+        let (emitters, solution) = (&tried.emitters, &tried.solution);
+        let scene = &level.loaded.scene;
+        let probes = match &settings.probes {
+            Some(source) => {
+                let points = probes::read(source)?;
+                let parts = (scene, &level.soup);
+                probes::plan(source, points, parts, settings.probe_volume)?
+                    .positions
+                    .len()
+            }
+            None => 0,
+        };
+        let options = bake_options(settings);
+        let gather = gather_cost(world, emitters, solution, &tried.plan, &options);
+        let need = Need::of(
+            &level.loaded,
+            (world, &world.sky),
+            settings,
+            layout,
+            gather.counts,
+        );
+        need.check(settings, layout)?;
+        let gathered = gather.gathered as f64;
+        let over = over_gather(settings.quality);
+        let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
+        let reflections = scene.reflections.len();
+        let captured = probes::reflection_options(settings.quality).rays_each();
+        let probe_rays = probe_rays + reflections as f64 * captured as f64;
+        let samples = gather.counts.seam_samples as f64;
+        let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
+        let costs = || before.into_iter().chain([tried.cost]);
+        let rate = rate(world);
+        Ok(Estimate {
+            scene: (file.file_name().unwrap_or_default().to_string_lossy()).into_owned(),
+            triangles: level.soup.triangles.len(),
+            files: files(file, settings, layout.pages.len(), reflections),
+            seam_samples: gather.counts.seam_samples,
+            probes,
+            reflections,
+            planned_twice: before.is_some(),
+            rays: costs().map(|c| c.rays).sum::<f64>() + gathered * gather.rays * over + probe_rays,
+            mrays_per_second: 1e-6 * rate,
+            seconds: costs().map(|c| c.seconds).sum::<f64>()
+                + (probe_rays + stitching) / rate
+                + gathered * gather.seconds * over,
+            bytes: need.bytes(),
+            layout: layout.clone(),
+        })
+    }
+}
+
+/// Names of the files that a bake writes.
+fn files(file: &Path, settings: &Settings, pages: usize, reflections: usize) -> Vec<String> {
     let mut files = output_names(file, settings);
     let first = ".lightmap.exr";
     let at = files.iter().position(|f| f.ends_with(first)).unwrap_or(0);
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    for i in (1..layout.pages.len()).rev() {
+    for i in (1..pages).rev() {
         files.insert(at + 1, format!("{stem}.lightmap.{i}.exr"));
     }
     let cubes = (0..reflections).map(|i| page_name(&stem, "reflection", i, "ktx2"));
     let last = files.len().saturating_sub(1);
     files.splice(last..last, cubes);
-    Ok(Estimate {
-        scene: (file.file_name().unwrap_or_default().to_string_lossy()).into_owned(),
-        triangles: soup.triangles.len(),
-        files,
-        seam_samples: gather.counts.seam_samples,
-        probes,
-        reflections,
-        planned_twice,
-        rays,
-        mrays_per_second: 1e-6 * rate,
-        seconds,
-        bytes: need.bytes(),
-        layout,
-    })
+    files
 }
 
 /// Runs `work` up to four times, or until [`ENOUGH`] seconds have passed. Returns its result and

@@ -44,6 +44,27 @@ impl Planned<'_> {
     }
 }
 
+impl Changes {
+    /// The changes that the light asks for.
+    pub(crate) fn wanted(
+        loaded: &Loaded,
+        (world, emitters, solution): (&World<'_>, &Emitters, &Solution),
+        report: &LayoutReport,
+        settings: &Settings,
+    ) -> Changes {
+        Changes {
+            split: match settings.split_sides {
+                true => split::wanted(loaded, world, solution),
+                false => BTreeSet::new(),
+            },
+            cuts: match settings.cut_charts {
+                true => cut::wanted(loaded, (world, emitters, solution), report),
+                false => Vec::new(),
+            },
+        }
+    }
+}
+
 impl Opened {
     /// Bakes no light probes: those of an earlier bake stay.
     pub(crate) fn leave_probes(&mut self) {
@@ -55,18 +76,7 @@ impl Opened {
         if self.decided {
             return Changes::default();
         }
-        let (world, emitters, solution) = planned.lit.parts();
-        let lit = (world, emitters, solution);
-        Changes {
-            split: match settings.split_sides {
-                true => split::wanted(&self.loaded, world, solution),
-                false => BTreeSet::new(),
-            },
-            cuts: match settings.cut_charts {
-                true => cut::wanted(&self.loaded, lit, &planned.report),
-                false => Vec::new(),
-            },
-        }
+        Changes::wanted(&self.loaded, planned.lit.parts(), &planned.report, settings)
     }
 
     /// The light of a document whose charts are to be cut.
