@@ -381,7 +381,7 @@ pub(crate) fn divide(world: &World, options: &SolveOptions) -> Divided {
     let mut cut = cut_surfaces(world, &options.cut);
     let Survey {
         buried,
-        close,
+        first,
         under,
         moved,
         partly,
@@ -389,7 +389,7 @@ pub(crate) fn divide(world: &World, options: &SolveOptions) -> Divided {
     cut.move_points(&moved);
     cut.keep_shares(&partly);
     let crowded = match options.crowded {
-        true => find_crowded(&cut, &buried, &close, &under),
+        true => find_crowded(&cut, &buried, &first, &under),
         false => vec![false; cut.patches().len()],
     };
     cut.hide(&buried);
@@ -435,8 +435,8 @@ fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
 struct Survey {
     /// Whether it is inside something: in a body, or all of its rays hit black backfaces.
     buried: Vec<bool>,
-    /// Whether its ray hits something within a patch's edge length.
-    close: Vec<bool>,
+    /// Distance of what its ray shows first, in edges of a patch.
+    first: Vec<f32>,
     /// Whether something is above one of its points within that distance.
     under: Vec<bool>,
     /// Points that are seen from further away than that, of elements whose own point may not be.
@@ -512,7 +512,11 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     let look = |p: PatchId, k: usize| -> Seen {
         let e = &cut.elements()[k];
         if world.emission(e.triangle) != Emission::None {
-            return Seen::default(); // the element's own light is counted where it starts
+            // The element's own light is counted where it starts.
+            return Seen {
+                first: f32::INFINITY,
+                ..Seen::default()
+            };
         }
         let own = PointOn {
             triangle: e.triangle,
@@ -546,7 +550,7 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         let mut all = points.iter().chain(&at);
         Seen {
             buried: false,
-            close: t < edge,
+            first: t / edge,
             under: all.any(|point| world.covered(point, edge)),
             moved: moved.map(|on| (id, on)),
             partly: share.map(|share| (id, share)),
@@ -561,7 +565,7 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         .collect();
     Survey {
         buried: seen.iter().map(|s| s.buried).collect(),
-        close: seen.iter().map(|s| s.close).collect(),
+        first: seen.iter().map(|s| s.first).collect(),
         under: seen.iter().map(|s| s.under).collect(),
         moved: seen.iter().filter_map(|s| s.moved).collect(),
         partly: seen.iter().filter_map(|s| s.partly).collect(),
@@ -572,7 +576,7 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
 #[derive(Clone, Copy, Default)]
 struct Seen {
     buried: bool,
-    close: bool,
+    first: f32,
     under: bool,
     moved: Option<(ElementId, PointOn)>,
     partly: Option<(ElementId, f32)>,
@@ -582,45 +586,36 @@ struct Seen {
 /// crowded. In the corner of a room, the share is a quarter to a third.
 const CROWDED: f32 = 0.2;
 
+/// Mean distance, in patch edges, of what a patch's elements see first, below which it is left
+/// whole. Between two plates it is twice their distance, and light gets into the gap about as far:
+/// here a quarter of an element.
+const NARROW: f32 = 1.0 / 16.0;
+
 /// Finds patches with something close to them. Light may differ by a factor of 100 between their
 /// sides (a wall behind a cupboard, the ground under a car), so each of their elements gets its own
 /// light.
 ///
-/// A patch that is half in a gap carries the light outside into it. At `preview`, this made lumels
-/// in gaps brighter by 50 % or more in the garage (lab/speed_error.md) and by 75 % in
-/// godot_gi_demo. Patches of a quarter of the width everywhere have the same effect, with fourteen
-/// times as many elements.
+/// A patch that is half in a gap carries the light outside into it, and the next one carries it on.
+/// At `preview`, this made lumels in gaps brighter by 50 % or more in the garage
+/// (lab/speed_error.md) and by 75 % in godot_gi_demo. Patches of a quarter of the width everywhere
+/// have the same effect, with fourteen times as many elements.
 ///
 /// Something above a single element is enough, because rays in all directions find it by luck: a
 /// patch of 2.3 m that passed under a wall, which ended 0.4 m above the floor, carried so much light
 /// out of a white room that it became 8 % darker, or not, by the number of patches.
 ///
-/// Patches deep in a gap, with something close to all of their elements and to all of their
-/// neighbours', are left whole: light from outside reaches them only by reflections between the
-/// gap's sides, and varies little over a patch. Two plates a tenth of a millimetre apart took 80
-/// times as long when all of their patches were split.
-fn find_crowded(cut: &Subdivision, buried: &[bool], close: &[bool], under: &[bool]) -> Vec<bool> {
-    let patches = cut.patches().len();
-    let mut open = vec![false; patches];
-    let mut crowded = vec![false; patches];
-    let mut patch_of = vec![0u32; cut.elements().len()];
-    for p in 0..patches {
-        let range = cut.elements_of(PatchId(p as u32));
-        patch_of[range.clone()].fill(p as u32);
-        let seen = || range.clone().filter(|&k| !buried[k]);
-        let near = seen().filter(|&k| close[k]).count();
-        open[p] = near < seen().count();
+/// Patches in gaps so narrow that light ends within an element are left whole. Two plates a tenth of
+/// a millimetre apart took 80 times as long when all of their patches were split.
+fn find_crowded(cut: &Subdivision, buried: &[bool], first: &[f32], under: &[bool]) -> Vec<bool> {
+    let is_crowded = |p: usize| {
+        let seen = || (cut.elements_of(PatchId(p as u32))).filter(|&k| !buried[k]);
+        let count = seen().count() as f32;
+        let near = seen().filter(|&k| first[k] < 1.0).count() as f32;
+        let distances: f32 = seen().map(|k| first[k].min(1.0)).sum();
         let covered = seen().any(|k| under[k]);
-        crowded[p] = covered || near as f32 > CROWDED * seen().count() as f32;
-    }
-    let mut beside_open = open.clone();
-    for [a, b] in cut.neighbours() {
-        let [a, b] = [a, b].map(|e| patch_of[e as usize] as usize);
-        beside_open[a] |= open[b];
-        beside_open[b] |= open[a];
-    }
-    let both = crowded.into_iter().zip(beside_open);
-    both.map(|(crowded, beside)| crowded && beside).collect()
+        (covered || near > CROWDED * count) && distances > NARROW * count
+    };
+    (0..cut.patches().len()).map(is_crowded).collect()
 }
 
 /// Splits patches where walls stand on them, and splits crowded patches into their elements.

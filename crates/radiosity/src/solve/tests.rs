@@ -556,6 +556,40 @@ fn patches_do_not_carry_light_into_a_gap() {
     }
 }
 
+/// Half of what leaves a side of a gap of height h arrives at the other within h/√3, so light gets
+/// into it about as far. Patches of 28 cm have elements of 7 cm.
+#[test]
+fn patches_deep_in_a_gap_are_divided_unless_it_is_narrow() {
+    for (h, divided) in [(0.026, true), (0.003, false)] {
+        let mut scene = Scene::default();
+        let (x, z) = (Vec3::X, Vec3::Z);
+        let white = || material(0.9, Vec3::ZERO);
+        let corner = -10.0 * z - 2.0 * x;
+        add_quad(&mut scene, white(), corner, 20.0 * z, 4.0 * x);
+        let above = corner + h * Vec3::Y;
+        add_quad(&mut scene, white(), above, 4.0 * x, 20.0 * z);
+        let soup = Soup::build(&scene);
+        let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+        let cut = divide(&world, &options(8000, 16)).cut;
+        let edge = cut.patch_edge(0);
+        assert!((0.25..0.31).contains(&edge), "{edge}");
+        // Patches in the middle see only each other. By the few rays of sixteen elements each, some
+        // are on the other side.
+        let deep = |t: u32, p: Vec3| {
+            let at = cut.locate(t, p, false).unwrap().patch;
+            cut.patches()[at.0 as usize].fine
+        };
+        let count = (0..300)
+            .filter(|k| {
+                let p = Vec3::new(0.0, 0.0, -8.0 + 0.05 * *k as f32);
+                deep(u32::from((p.x + 2.0) / 4.0 > (p.z + 10.0) / 20.0), p)
+            })
+            .count();
+        let expected = if divided { 270..=300 } else { 0..=30 };
+        assert!(expected.contains(&count), "{h}: {count}");
+    }
+}
+
 #[test]
 fn elements_at_the_edge_of_a_gap_stand_for_what_is_seen_of_them() {
     // A lamp whose top is a centimetre below the ceiling. Its rim cuts elements of 5.6 cm at a
