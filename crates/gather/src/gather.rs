@@ -25,6 +25,23 @@ const MOST_POINTS: usize = 64;
 /// all neighbours agree about it.
 const MATTERS: f32 = 0.01;
 
+/// What the first points of a footprint found.
+struct First {
+    points: Vec<SurfacePoint>,
+    /// By point.
+    sums: Vec<Point>,
+    /// Whether a point is in a body or under a cover.
+    buried: Vec<bool>,
+    /// Whether its light counts.
+    open: Vec<bool>,
+    /// Number of points in the open. If it is 0, the light of all counts.
+    in_the_open: usize,
+    /// Whether there is something within the footprint's size.
+    near: bool,
+    estimate: Estimate,
+    rays: u64,
+}
+
 impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
     ///
@@ -63,33 +80,15 @@ impl Gatherer<'_, '_> {
             sampling.rays = (sampling.rays / UNDER_COVERS).max(1);
         }
         let mut planes = PlaneSums::new(self.wanted);
-        let sampled = self.sample(&points, sampling, |_, _, of_point| {
-            planes.take(of_point);
-        });
-        let (sums, mut rays) = (sampled.sums, sampled.rays);
-        // Inside a wall or under a carpet, light is irrelevant, whatever the rays find.
-        let buried: Vec<bool> = (points.iter().zip(&sums))
-            .map(|(p, s)| options.open_only && s.may_be_buried() && world.out_of_sight(p, gap))
-            .collect();
-        // Together points know more than the few rays of each.
-        let inside = Point::inside_together(sums.iter());
-        let mut open: Vec<bool> = (sums.iter().zip(&buried))
-            .map(|(s, buried)| !(inside || *buried || s.inside()))
-            .collect();
-        let in_the_open = open.iter().filter(|&&o| o).count();
-        if in_the_open == 0 || !options.open_only {
-            open.fill(true);
-        }
-        let near = sums.iter().any(|s| s.near);
-        let estimate = mean_and_spread(&sums, &open);
+        let mut first = self.look(points, sampling, gap, &mut planes);
         if options.edge_points > 0 {
-            if in_the_open == 0 {
-                rays += u64::from(options.edge_points.saturating_sub(options.points));
+            if first.in_the_open == 0 {
+                first.rays += u64::from(options.edge_points.saturating_sub(options.points));
             }
-            if self.is_crossed(footprint, seed, (in_the_open, count), near, &estimate) {
+            if self.is_crossed(footprint, seed, &first) {
                 let mut out = self.gather_edge(footprint, seed);
-                out.rays += rays;
-                if in_the_open < count {
+                out.rays += first.rays;
+                if first.in_the_open < count {
                     // For the smoothing, which must not treat a lumel as whole because a sliver was
                     // missed.
                     out.open = out.open.min(1.0 - 1.0 / count as f32);
@@ -97,27 +96,78 @@ impl Gatherer<'_, '_> {
                 return out;
             }
         }
+        self.settle(footprint, seed, first, planes)
+    }
+
+    /// Gathers at the first points of a footprint, and tells which of them are open.
+    fn look(
+        &self,
+        points: Vec<SurfacePoint>,
+        sampling: Sampling,
+        gap: f32,
+        planes: &mut PlaneSums,
+    ) -> First {
+        let world = self.tracer.world;
+        let open_only = self.options.open_only;
+        let sampled = self.sample(&points, sampling, |_, _, of_point| {
+            planes.take(of_point);
+        });
+        let sums = sampled.sums;
+        // Inside a wall or under a carpet, light is irrelevant, whatever the rays find.
+        let buried: Vec<bool> = (points.iter().zip(&sums))
+            .map(|(p, s)| open_only && s.may_be_buried() && world.out_of_sight(p, gap))
+            .collect();
+        // Together points know more than the few rays of each.
+        let inside = Point::inside_together(sums.iter());
+        let mut open: Vec<bool> = (sums.iter().zip(&buried))
+            .map(|(s, buried)| !(inside || *buried || s.inside()))
+            .collect();
+        let in_the_open = open.iter().filter(|&&o| o).count();
+        if in_the_open == 0 || !open_only {
+            open.fill(true);
+        }
+        First {
+            near: sums.iter().any(|s| s.near),
+            estimate: mean_and_spread(&sums, &open),
+            rays: sampled.rays,
+            points,
+            sums,
+            buried,
+            open,
+            in_the_open,
+        }
+    }
+
+    /// Adds direct light to what the first points of a footprint found.
+    fn settle(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        first: First,
+        planes: PlaneSums,
+    ) -> Received {
+        let (points, sums, estimate) = (&first.points, &first.sums, &first.estimate);
         let mut planes = planes.finish();
-        let counted = OpenPoints::new(footprint, &points, &open);
+        let counted = OpenPoints::new(footprint, points, &first.open);
         let known = known(luminance(estimate.mean), 0);
-        let direct = self.direct_light(counted, seed, &options.direct, &known, &mut planes);
+        let direct = self.direct_light(counted, seed, &self.options.direct, &known, &mut planes);
         let dark = (self.tracer).is_dark(luminance(direct.irradiance + estimate.mean));
         // Applies to ends of objects that extend through a room's shell, but also to surfaces in
         // the shade of a lamp in an otherwise empty scene. Only a wall between the lumel and its
         // neighbours distinguishes them ([`fill_hidden`](crate::hidden::fill_hidden)).
-        let void = options.open_only && dark && Point::in_the_void(sums.iter());
+        let void = self.options.open_only && dark && Point::in_the_void(sums.iter());
         // The light is that of the visible part; the position is that of the whole footprint.
-        let place = (Place::of(&points), footprint.size());
-        let mut out = Received::of(direct, &estimate, planes, place);
-        out.rays += rays;
-        out.near = near;
+        let place = (Place::of(points), footprint.size());
+        let mut out = Received::of(direct, estimate, planes, place);
+        out.rays += first.rays;
+        out.near = first.near;
         out.void = void;
         out.around = Point::around(sums.iter());
         out.far = Point::far(sums.iter());
-        out.behind = void && near || Point::dark_shares(sums.iter())[0] >= BEHIND;
-        out.open = match in_the_open {
-            0 if !buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,
-            n => n as f32 / count as f32,
+        out.behind = void && first.near || Point::dark_shares(sums.iter())[0] >= BEHIND;
+        out.open = match first.in_the_open {
+            0 if !first.buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,
+            n => n as f32 / points.len() as f32,
         };
         out
     }
@@ -135,24 +185,16 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Whether the first points of a footprint show that an edge crosses it. `in_the_open` is
-    /// whether all of them are.
-    fn is_crossed(
-        &self,
-        footprint: &impl Footprint,
-        seed: u32,
-        (in_the_open, count): (usize, usize),
-        near: bool,
-        estimate: &Estimate,
-    ) -> bool {
-        let options = &self.options;
+    /// Whether the first points of a footprint show that an edge crosses it.
+    fn is_crossed(&self, footprint: &impl Footprint, seed: u32, first: &First) -> bool {
+        let (options, count) = (&self.options, first.points.len());
         let more = options.contacts && options.edge_points > count as u32;
-        if in_the_open == 0 {
+        if first.in_the_open == 0 {
             // A sliver of light next to a wall hardly matters on screen, but a lot for relative
             // errors.
             return self.anything_open(footprint, seed);
         }
-        if in_the_open < count {
+        if first.in_the_open < count {
             return more || options.open_only;
         }
         // A few points may all be on the same side of a wall.
@@ -160,7 +202,7 @@ impl Gatherer<'_, '_> {
             let points = spread(footprint, count.max(PARTED_POINTS));
             Parts::find(self.tracer.world, &points, footprint.reach()).count > 1
         };
-        (options.open_only && near && parted()) || (more && estimate.disagree)
+        (options.open_only && first.near && parted()) || (more && first.estimate.disagree)
     }
 
     /// Number of points of the first gather.

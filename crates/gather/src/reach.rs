@@ -221,62 +221,81 @@ fn choose(
             .total_cmp(&errors[a].sum())
             .then(a.cmp(&b))
     });
-    let mut chosen: BTreeMap<(More, u32), Vec<usize>> = BTreeMap::new();
-    let mut taken = vec![false; errors.len()];
+    let mut choice = Choice {
+        map,
+        first,
+        chosen: BTreeMap::new(),
+        taken: vec![false; errors.len()],
+    };
     let (mut saved, mut exhausted) = (0.0, 0);
     for i in order {
         if saved >= excess {
             break;
         }
-        let (r, e) = (&map.received[i], &errors[i]);
-        let before = saved;
+        let less = choice.take(i, &errors[i], points[i]);
+        saved += (1.0 - LEFT) * less;
+        exhausted += u64::from(less == 0.0);
+    }
+    (choice.chosen, exhausted)
+}
+
+/// Lumels by what they lack and how much they have of it.
+struct Choice<'m> {
+    map: &'m LumelMap,
+    first: &'m GatherOptions,
+    chosen: BTreeMap<(More, u32), Vec<usize>>,
+    /// Which lumels get rays.
+    taken: Vec<bool>,
+}
+
+impl Choice<'_> {
+    /// Takes lumel `i`, unless it cannot get more. Returns the error of what gets more samples.
+    fn take(&mut self, i: usize, e: &Relative, points: u32) -> f64 {
+        let (r, first) = (&self.map.received[i], self.first);
         if r.edge == Edge::Contact {
-            if first.edge_points * points[i] * TIMES * 2 <= MOST {
-                chosen
-                    .entry((More::Contact, points[i]))
-                    .or_default()
-                    .push(i);
-                saved += (1.0 - LEFT) * e.sum();
+            let more = first.edge_points * points * TIMES * 2 <= MOST;
+            if more {
+                self.add(More::Contact, points, i);
             }
-        } else {
-            // A kind of sample with a tenth of the error is not worth it.
-            if e.direct >= 0.1 * e.indirect
-                && r.mixed != 0
-                && first.direct.penumbra * points[i] * TIMES <= MOST
-            {
-                chosen
-                    .entry((More::Penumbra, points[i]))
-                    .or_default()
-                    .push(i);
-                saved += (1.0 - LEFT) * e.direct;
+            return if more { e.sum() } else { 0.0 };
+        }
+        let mut less = 0.0;
+        // A kind of sample with a tenth of the error is not worth it.
+        if e.direct >= 0.1 * e.indirect
+            && r.mixed != 0
+            && first.direct.penumbra * points * TIMES <= MOST
+        {
+            self.add(More::Penumbra, points, i);
+            less += e.direct;
+        }
+        if e.indirect >= 0.1 * e.direct && self.take_rays(i) {
+            less += e.indirect;
+        }
+        less
+    }
+
+    /// Takes the lumels whose rays lumel `i` has: its own, or those between which it lies. Returns
+    /// whether any can get more.
+    fn take_rays(&mut self, i: usize) -> bool {
+        let map = self.map;
+        let own = (!map.plan.is(i)).then_some(i);
+        let mut more = false;
+        for j in own.into_iter().chain(map.plan.of(i)) {
+            let cast = self.first.rays * map.times[j] * TIMES;
+            if map.received[j].edge == Edge::Contact || cast > MOST {
+                continue;
             }
-            if e.indirect >= 0.1 * e.direct {
-                let between = map.plan.of(i);
-                let own = (!map.plan.is(i)).then_some(i);
-                let mut more = false;
-                for j in own.into_iter().chain(between) {
-                    if map.received[j].edge == Edge::Contact
-                        || first.rays * map.times[j] * TIMES > MOST
-                    {
-                        continue;
-                    }
-                    more = true;
-                    if !taken[j] {
-                        taken[j] = true;
-                        chosen
-                            .entry((More::Rays, map.times[j]))
-                            .or_default()
-                            .push(j);
-                    }
-                }
-                if more {
-                    saved += (1.0 - LEFT) * e.indirect;
-                }
+            more = true;
+            if !std::mem::replace(&mut self.taken[j], true) {
+                self.add(More::Rays, map.times[j], j);
             }
         }
-        exhausted += u64::from(saved == before);
+        more
     }
-    (chosen, exhausted)
+
+    fn add(&mut self, more: More, times: u32, i: usize) {
+        self.chosen.entry((more, times)).or_default().push(i);
+    }
 }
 
 /// Gathers more samples at the chosen lumels.

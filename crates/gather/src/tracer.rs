@@ -92,6 +92,16 @@ impl Path {
             throughput: Vec3::ONE,
         })
     }
+
+    /// Where it meets what it hits.
+    fn at(&self, hit: &Hit) -> Vec3 {
+        self.point.origin + self.direction * hit.t
+    }
+
+    /// Determines the random choices after this many bounces.
+    fn random(&self, common: &Common, bounce: u32) -> u32 {
+        hash_u32(common.seed ^ self.sample ^ (bounce << 24))
+    }
 }
 
 /// What a gathering ray found.
@@ -165,7 +175,7 @@ impl<'w, 'a> Tracer<'w, 'a> {
         found: &mut Option<Found>,
         groups: &mut [Vec3],
     ) -> Option<Path> {
-        let (world, cut) = (self.world, &self.solution.cut);
+        let world = self.world;
         path.throughput *= tint;
         let hit = match incoming {
             Incoming::Black if bounce == 0 => {
@@ -191,36 +201,59 @@ impl<'w, 'a> Tracer<'w, 'a> {
         if bounce == 0 {
             (out.distance, out.back) = (hit.t, hit.back);
         }
-        let at = path.point.origin + path.direction * hit.t;
-        let random = hash_u32(common.seed ^ path.sample ^ (bounce << 24));
-        let edge = cut.patch_edge(hit.triangle);
-        if bounce == MOST_NEAR_BOUNCES || hit.t > common.near * NEAR[bounce as usize] * edge {
-            let of = self.counted(common.lit_share, &hit, bounce, edge);
-            let look = Look {
-                hit,
-                at,
-                seed: random,
-                of,
-            };
-            let boost = boost(world, bounce);
-            let sent = (self.solution).radiance_by_group(
-                world,
-                &self.direct,
-                &look,
-                path.throughput * boost,
-                groups,
-            );
-            out.radiance += sent.light;
-            out.left_out = sent.left_out;
-            if boost != 1.0 {
-                // What the surface emits is not reflected.
-                let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
-                let excess = path.throughput * glow * (1.0 - boost);
-                let group = world.emission_group(hit.triangle);
-                add(excess, group, &mut out.radiance, groups);
-            }
+        let edge = self.solution.cut.patch_edge(hit.triangle);
+        let is_far = hit.t > common.near * NEAR[bounce as usize] * edge;
+        if bounce == MOST_NEAR_BOUNCES || is_far {
+            self.read(&path, hit, bounce, common, out, groups);
             return None;
         }
+        self.reflect(path, hit, bounce, common, out, groups)
+    }
+
+    /// Adds what the solution knows about a far hit.
+    fn read(
+        &self,
+        path: &Path,
+        hit: Hit,
+        bounce: u32,
+        common: &Common,
+        out: &mut Found,
+        groups: &mut [Vec3],
+    ) {
+        let world = self.world;
+        let look = Look {
+            hit,
+            at: path.at(&hit),
+            seed: path.random(common, bounce),
+            of: self.counted(common.lit_share, &hit, bounce),
+        };
+        let boost = boost(world, bounce);
+        let throughput = path.throughput * boost;
+        let sent =
+            (self.solution).radiance_by_group(world, &self.direct, &look, throughput, groups);
+        out.radiance += sent.light;
+        out.left_out = sent.left_out;
+        if boost != 1.0 {
+            // What the surface emits is not reflected.
+            let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+            let excess = path.throughput * glow * (1.0 - boost);
+            let group = world.emission_group(hit.triangle);
+            add(excess, group, &mut out.radiance, groups);
+        }
+    }
+
+    /// Adds a near hit's emission and reflected direct light, and returns the path that goes on.
+    fn reflect(
+        &self,
+        mut path: Path,
+        hit: Hit,
+        bounce: u32,
+        common: &Common,
+        out: &mut Found,
+        groups: &mut [Vec3],
+    ) -> Option<Path> {
+        let (world, cut) = (self.world, &self.solution.cut);
+        let (at, random) = (path.at(&hit), path.random(common, bounce));
         path.point = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
         let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
         if glow != Vec3::ZERO {
@@ -242,7 +275,8 @@ impl<'w, 'a> Tracer<'w, 'a> {
     /// The part of a hit's light that counts after this many bounces. Light of lit elements is
     /// sampled separately from points that gather, but not where light passes through the elements.
     #[inline]
-    fn counted(&self, lit_share: f32, hit: &Hit, bounce: u32, edge: f32) -> Reflected {
+    fn counted(&self, lit_share: f32, hit: &Hit, bounce: u32) -> Reflected {
+        let edge = self.solution.cut.patch_edge(hit.triangle);
         match hit.t > LitElements::FROM * edge {
             true if bounce == 0 && !self.world.lets_light_through(hit.triangle) => {
                 Reflected::Afar(lit_share)

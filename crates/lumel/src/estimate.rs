@@ -112,7 +112,8 @@ pub fn estimate(
     check(settings)?;
     check_name(file)?;
     sky::check_file(settings)?;
-    probes::check_file(settings)?;
+    // A file that cannot be read is told at once.
+    settings.probes.as_ref().map(probes::read).transpose()?;
     let charts = Remembered::default();
     let attempt = Attempt {
         file,
@@ -133,7 +134,7 @@ pub fn estimate(
     before.seconds += choosing;
     let solution = first.into_solution();
     let soup = uncut.soup;
-    let light = changes.only_cut().then(|| Uncut { soup, solution });
+    let light = changes.only_cut().then_some(Uncut { soup, solution });
     let start = WorkTime::start();
     let cut = prepare(SceneInput::File(file), settings, &changes)?;
     let second = attempt.run(&cut, light, start)?;

@@ -67,24 +67,7 @@ pub(super) fn gather(
         (group.jobs.iter()).for_each(|&k| group_of[k as usize] = g as u32);
     }
     let mesh = mesh_of(jobs, sheets, &clusters, &groups, &group_of, world);
-    let mut shared: Vec<Received> = Vec::new();
-    shared.resize_with(groups.len(), Received::default);
-    let smoothed = mesh.has_others();
-    for which in [false, true] {
-        // Points that will be smoothed need fewer rays.
-        let gatherer = match which {
-            false => gatherer.clone(),
-            true => gatherer.with(half(&gatherer.options)),
-        };
-        let part: Vec<usize> = (0..groups.len())
-            .filter(|&g| smoothed[g] == which)
-            .collect();
-        let of_part = gather_groups(&part, jobs, &groups, &gatherer, monitor)?;
-        for (g, received) in part.into_iter().zip(of_part) {
-            shared[g] = received;
-        }
-    }
-    mesh.smooth(&mut shared);
+    let shared = shared_light(jobs, &groups, &mesh, gatherer, monitor)?;
     let members: Vec<u32> = (0..jobs.len() as u32)
         .filter(|&k| groups[group_of[k as usize] as usize].jobs.len() > 1)
         .collect();
@@ -125,6 +108,35 @@ pub(super) fn gather(
         });
     }
     Ok(out)
+}
+
+/// The light of each group, smoothed.
+fn shared_light(
+    jobs: &[Job],
+    groups: &[Group],
+    mesh: &Mesh,
+    gatherer: &Gatherer,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Received>, Cancelled> {
+    let mut shared: Vec<Received> = Vec::new();
+    shared.resize_with(groups.len(), Received::default);
+    let smoothed = mesh.has_others();
+    for which in [false, true] {
+        // Points that will be smoothed need fewer rays.
+        let gatherer = match which {
+            false => gatherer.clone(),
+            true => gatherer.with(half(&gatherer.options)),
+        };
+        let part: Vec<usize> = (0..groups.len())
+            .filter(|&g| smoothed[g] == which)
+            .collect();
+        let of_part = gather_groups(&part, jobs, groups, &gatherer, monitor)?;
+        for (g, received) in part.into_iter().zip(of_part) {
+            shared[g] = received;
+        }
+    }
+    mesh.smooth(&mut shared);
+    Ok(shared)
 }
 
 /// Half of the rays, but at least two per point.

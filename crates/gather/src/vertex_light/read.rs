@@ -240,45 +240,82 @@ impl Reader<'_, '_, '_> {
             (1.0 - f.x) * f.y,
             f.x * f.y,
         ];
-        let (mut e, mut sum) = (Vec3::ZERO, 0.0);
-        let (mut position, mut normal, mut size) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-        let (mut low, mut high) = (f32::INFINITY, 0.0f32);
-        let (mut whole, mut lamps) = (true, [u32::MAX; 2]);
+        let mut mix = Mix::default();
         for (tap, w) in taps.into_iter().zip(weights) {
-            let Some(i) = tap else {
-                continue;
-            };
-            let place = &self.places[i];
-            if !place.sure || place.normal.dot(p.normal) < LIKE_NORMAL {
-                continue;
+            if let Some(i) = tap {
+                mix.add(&self.places[i], self.light[i].e, w, p.normal);
             }
-            sum += w;
-            e += self.light[i].e * w;
-            position += place.position * w;
-            normal += place.normal * w;
-            size += place.size * w;
-            let y = luminance(self.light[i].e);
-            (low, high) = (low.min(y), high.max(y));
-            whole &= place.whole;
-            lamps = [0, 1].map(|k| lamps[k] & place.lamps[k]);
         }
-        if sum < LEAST_WEIGHT {
+        if mix.sum < LEAST_WEIGHT {
             return None;
         }
-        let away = (position / sum).distance_squared(p.position);
-        let size = size / sum;
+        let away = (mix.position / mix.sum).distance_squared(p.position);
+        let size = mix.size / mix.sum;
         let within = |lumels: f32| away <= (lumels * size) * (lumels * size);
+        let [low, high] = mix.range;
         let known = within(NEAR_PLACE)
-            && normal.normalize_or_zero().dot(p.normal) >= SAME_NORMAL
+            && mix.normal.normalize_or_zero().dot(p.normal) >= SAME_NORMAL
             && high - low <= MOST_SPREAD * (0.5 * (high + low) + self.floor);
         if !known {
             return None;
         }
-        if !(whole && sum >= MOST_WEIGHT && within(SAME_PLACE)) {
-            let border = border.get_or_insert(Border { at: *p, lamps });
-            border.lamps = [0, 1].map(|k| border.lamps[k] & lamps[k]);
+        if !(mix.whole && mix.sum >= MOST_WEIGHT && within(SAME_PLACE)) {
+            let border = border.get_or_insert(Border {
+                at: *p,
+                lamps: mix.lamps,
+            });
+            border.lamps = [0, 1].map(|k| border.lamps[k] & mix.lamps[k]);
         }
-        Some(e / sum)
+        Some(mix.e / mix.sum)
+    }
+}
+
+/// Weighted sums over the lumels of a lookup.
+struct Mix {
+    e: Vec3,
+    /// Of weights.
+    sum: f32,
+    position: Vec3,
+    normal: Vec3,
+    size: f32,
+    /// Least and largest luminance.
+    range: [f32; 2],
+    /// Whether all lumels are whole.
+    whole: bool,
+    /// Lamps that all see, and that are hidden from all.
+    lamps: [u32; 2],
+}
+
+impl Default for Mix {
+    fn default() -> Self {
+        Mix {
+            e: Vec3::ZERO,
+            sum: 0.0,
+            position: Vec3::ZERO,
+            normal: Vec3::ZERO,
+            size: 0.0,
+            range: [f32::INFINITY, 0.0],
+            whole: true,
+            lamps: [u32::MAX; 2],
+        }
+    }
+}
+
+impl Mix {
+    /// Adds a lumel that faces like `normal`, if its light is sure.
+    fn add(&mut self, place: &LumelPlace, e: Vec3, w: f32, normal: Vec3) {
+        if !place.sure || place.normal.dot(normal) < LIKE_NORMAL {
+            return;
+        }
+        self.sum += w;
+        self.e += e * w;
+        self.position += place.position * w;
+        self.normal += place.normal * w;
+        self.size += place.size * w;
+        let y = luminance(e);
+        self.range = [self.range[0].min(y), self.range[1].max(y)];
+        self.whole &= place.whole;
+        self.lamps = [0, 1].map(|k| self.lamps[k] & place.lamps[k]);
     }
 }
 

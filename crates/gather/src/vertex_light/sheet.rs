@@ -77,6 +77,53 @@ pub(super) struct Sheet {
     pub points: usize,
 }
 
+/// Numbers of vertices and places that a sheet has already.
+struct Numbers {
+    /// By primitive and its vertex; `u32::MAX` for none.
+    vertices: Vec<Vec<u32>>,
+    places: HashMap<[u32; 3], u32>,
+}
+
+impl Numbers {
+    fn of(primitives: &[Primitive]) -> Numbers {
+        Numbers {
+            vertices: (primitives.iter())
+                .map(|p| vec![u32::MAX; p.positions.len()])
+                .collect(),
+            places: HashMap::new(),
+        }
+    }
+
+    /// The number in `sheet` of a vertex (primitive, index) at a position of its mesh.
+    fn vertex(
+        &mut self,
+        sheet: &mut Sheet,
+        (primitive, index): (u32, u32),
+        position: Vec3,
+        to_world: impl Fn(Vec3) -> Vec3,
+    ) -> u32 {
+        let number = &mut self.vertices[primitive as usize][index as usize];
+        if *number == u32::MAX {
+            *number = sheet.vertices.len() as u32;
+            // Adding zero turns −0 into +0, which is the same position.
+            let position = position + Vec3::ZERO;
+            let next = sheet.places.len() as u32;
+            let bits = position.to_array().map(f32::to_bits);
+            let place = *self.places.entry(bits).or_insert(next);
+            if place == next {
+                sheet.places.push(to_world(position));
+            }
+            sheet.vertices.push(Vertex {
+                primitive,
+                index,
+                place,
+                point: u32::MAX,
+            });
+        }
+        *number
+    }
+}
+
 impl Sheet {
     /// The triangles of an instance, unsplit, without moments.
     pub fn build(
@@ -101,10 +148,11 @@ impl Sheet {
             places: Vec::new(),
             points: 0,
         };
-        let mut number: Vec<Vec<u32>> = (primitives.iter())
-            .map(|p| vec![u32::MAX; p.positions.len()])
-            .collect();
-        let mut place_of: HashMap<[u32; 3], u32> = HashMap::new();
+        let to_world = |position: Vec3| {
+            let world = placed.transform.transform_point3(position.as_dvec3());
+            (world - scene.origin).as_vec3()
+        };
+        let mut numbers = Numbers::of(primitives);
         for face in faces_of(soup, instance) {
             let source = soup.source(face);
             let p = source.primitive as usize;
@@ -114,27 +162,8 @@ impl Sheet {
             let primitive = &primitives[p];
             let (triangle, order, _) = corners_of(soup, face);
             let corners = primitive.triangles[source.triangle as usize].map(|v| {
-                let slot = &mut number[p][v as usize];
-                if *slot == u32::MAX {
-                    *slot = sheet.vertices.len() as u32;
-                    // Adding zero turns −0 into +0, which is the same position.
-                    let position = primitive.positions[v as usize] + Vec3::ZERO;
-                    let next = sheet.places.len() as u32;
-                    let place = *place_of
-                        .entry(position.to_array().map(f32::to_bits))
-                        .or_insert(next);
-                    if place == next {
-                        let world = placed.transform.transform_point3(position.as_dvec3());
-                        sheet.places.push((world - scene.origin).as_vec3());
-                    }
-                    sheet.vertices.push(Vertex {
-                        primitive: source.primitive,
-                        index: v,
-                        place,
-                        point: u32::MAX,
-                    });
-                }
-                *slot
+                let at = primitive.positions[v as usize];
+                numbers.vertex(&mut sheet, (source.primitive, v), at, to_world)
             });
             let page = lumels.page_corners(face).map(|c| c.as_dvec2() - origin);
             sheet.tris.push(Tri {
