@@ -193,8 +193,9 @@ def outputs(directory):
 
 
 # Settings for comparisons with means over whole texels, which Cycles and the references compute:
-# hidden parts count, and borders stay as gathered.
-AREA_MEAN = ("--hidden", "mean", "--no-stitch")
+# hidden parts count, and borders stay as gathered. Charts are not cut by their light, so that all
+# presets have the same lumels.
+COMPARABLE = ("--hidden", "mean", "--no-stitch", "--no-cut-charts")
 
 
 def bake(scene, directory, *options, timeout=None, memory=None):

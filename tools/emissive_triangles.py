@@ -129,7 +129,7 @@ def main():
         path, out = ["%s/%s-%g%s" % (a.out, kind, a.rho, s) for s in (".glb", "-" + quality)]
         scene(kind, a.rho, path)
         before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        r = common.run([common.LUMEL, "bake", path, "-o", out, "--texels-per-unit", a.density, "--quality", quality, "-q", *common.AREA_MEAN])
+        r = common.run([common.LUMEL, "bake", path, "-o", out, "--texels-per-unit", a.density, "--quality", quality, "-q", *common.COMPARABLE])
         if r["code"] != 0:
             raise SystemExit(r["err"])
         cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before

@@ -110,7 +110,7 @@ class Scene:
         if os.path.exists(out + ".done") and open(out + ".done").read() == stamp and self.a.keep:
             r = dict(common.outputs(out), report_json=json.load(open(common.outputs(out)["report"])), instructions="")
             return r
-        r = bake(self.a.lumel, self.path, out, *common.AREA_MEAN, "--layers", "direct,indirect,error,coverage", *opts, *self.options,
+        r = bake(self.a.lumel, self.path, out, *common.COMPARABLE, "--layers", "direct,indirect,error,coverage", *opts, *self.options,
                  "--threads", self.a.threads)
         open(out + ".done", "w").write(stamp)
         return r

@@ -61,22 +61,6 @@ def draw(ref, exr, png, crop=None, limit=0.1, title=None):
     return dict(n=int(shown.sum()), rms=float(np.sqrt(np.mean(e * e))), darker=float(np.mean(e < -limit)), brighter=float(np.mean(e > limit)))
 
 
-def truth_of(refs, w, refine=0):
-    """path of the reference of one of speed_page.WEAKNESSES"""
-    import speed_page
-    return refs.truth(1.0, False, every=True, region=w["crop"], target=speed_page.CROP_TARGET, seconds=speed_page.CROP_SECONDS, refine=refine)
-
-
-def of_bake(scene, w, png):
-    """One of speed_page.WEAKNESSES for a speed_error.Scene -> draw()'s figures and the
-    reference's own noise, or None if the setting was not baked"""
-    exr = scene.map_of(w["setting"])
-    if exr is None:
-        return None
-    ref = reference.load(truth_of(scene.refs, w))
-    return dict(draw(ref, exr, png, w["crop"], w["limit"], w["title"]), own=reference.own(ref))
-
-
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("ref")

@@ -93,7 +93,7 @@ class Scene:
         t = self.table
         sky = [] if t["sky"] == "0,0,0" else ["--sky", t["sky"]]
         out = os.path.join(self.a.work, "%s.%s" % (self.name, folder))
-        r = common.bake(self.path, out, "--quality", quality, *common.AREA_MEAN, *(["--texels-per-unit", t["density"]] if t["density"] else []), "--max-page", 2048, "--threads", self.a.threads,
+        r = common.bake(self.path, out, "--quality", quality, *common.COMPARABLE, *(["--texels-per-unit", t["density"]] if t["density"] else []), "--max-page", 2048, "--threads", self.a.threads,
                         "--max-reflectance", LIMIT, *sky, *more)
         if r["code"] != 0:
             raise SystemExit("%s: lumel failed (%d): %s" % (self.name, r["code"], r["err"]))

@@ -80,7 +80,7 @@ def main():
     extra = ["--threads", a.threads] + further + (["--sky", a.sky] if a.sky != "0,0,0" else [])
     density = a.texels_per_unit or fit_density(a.scene, out + ".fit", a.res, extra)
     options = ["--quality", a.quality, "--texels-per-unit", "%.5g" % density, "--max-page", 8 * a.res] + extra
-    bakes = [common.bake(a.scene, out, *common.AREA_MEAN, *options)]
+    bakes = [common.bake(a.scene, out, *common.COMPARABLE, *options)]
     if bakes[0]["code"] != 0:
         raise SystemExit(bakes[0]["err"])
     flat = out + ".flat.glb"
@@ -102,7 +102,7 @@ def main():
     load = os.getloadavg()[0]
     peers, process = [], []
     for _ in range(a.repeat):
-        bakes.append(common.bake(a.scene, out, *common.AREA_MEAN, *options))
+        bakes.append(common.bake(a.scene, out, *common.COMPARABLE, *options))
         if not a.no_cycles:
             peers.append(cycles_peer.bake(flat, out + ".cycles", side, a.cycles_samples, a.threads, a.sky, light_tree=a.light_tree))
     timed = bakes[1:] if a.repeat else bakes

@@ -5,8 +5,8 @@ After Willmott and Heckbert, "An empirical comparison of progressive and wavelet
 every method and every setting on the same scenes, with one measure of error and the time.
 
 Usage : python speed_error.py [--scenes cornell,demo,garage,godot,sponza] [--lumel-only] [--full]
-              [--resume] [--smoke] [--pictures] [--references-only] [--reference-time 1.0]
-              [--refine SECONDS] [--repeat 3] [--threads N] [--work DIR] [--docs DIR]
+              [--resume] [--smoke] [--references-only] [--reference-time 1.0] [--refine SECONDS]
+              [--repeat 3] [--threads N] [--work DIR] [--docs DIR]
         python speed_error.py --final                the five scenes, resuming where an earlier call
                                                      of the same binary was interrupted
         python speed_error.py --final --lumel-only   both kinds of lumel's rows again, with a new
@@ -23,7 +23,7 @@ Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its 
 Output: lab/data/speed_error.csv          a row for every run and family of lumels, written after
                                           each run; rows that were not run are kept unless they are
                                           of another atlas or, for lumel, of another binary
-        lab/images/speed_error.png .svg   one panel per scene; lab/images/weakness_*.png
+        lab/images/speed_error.png .svg   one panel per scene
         lab/tables/speed_error.md         tables of lab/speed_error.md
 Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; bpy
         for Cycles, without which its points are left out with a warning. The machine should be
@@ -38,7 +38,6 @@ import sys
 
 import common
 import cycles_peer
-import error_map
 import reference
 import speed_page
 import speed_scenes
@@ -112,23 +111,21 @@ class Scene:
         # What two-sided surfaces add to the mean, over lumels whose footprint does not matter.
         keep = reference.clear(self.whole, self.half)
         one, two = [float((r["irradiance"][keep] @ reference.LUMINANCE).mean()) for r in (self.whole, self.half)]
-        self.backs, self.maps = two / one - 1, {}
+        self.backs = two / one - 1
 
     def lumel(self, setting, run, equal=False):
         """rows of a bake; with `equal`, of the same work as in Cycles"""
         out = os.path.join(self.a.work, "%s.%s%s" % (self.name, setting.replace(", ", "_").replace(" ", ""), ".equal" if equal else ""))
         load = os.getloadavg()[0]
         less = EQUAL_WORK if equal else ()
-        r = common.bake(self.path, out, *common.AREA_MEAN, *less, *LUMEL[setting], "--texels-per-unit", self.table["density"], "--max-page", 2048, "--threads", self.a.threads,
+        r = common.bake(self.path, out, *common.COMPARABLE, *less, *LUMEL[setting], "--texels-per-unit", self.table["density"], "--max-page", 2048, "--threads", self.a.threads,
                         *speed_scenes.sky_options(self.name))
         if r["code"] != 0:
             raise SystemExit("lumel failed (%d): %s" % (r["code"], r["err"]))
         report, exr = r["report_json"], r["pages"][0]
-        if equal and self.places(r) != self.places(self.draft):
+        if self.places(r) != self.places(self.draft):
             raise SystemExit("%s: the atlas is not the draft's, so its lumels are not the same" % self.name)
         not_theirs = common.phases(report)[NOT_THEIRS] if equal else 0.0
-        if not equal:
-            self.maps[setting] = exr
         base = dict(method=speed_page.EQUAL if equal else speed_page.LUMEL, setting=setting, run=run, seconds=report["measured"]["seconds"] - not_theirs, process_seconds=r["seconds"], peak_mb=r["peak_mb"],
                     rays=report["gather"]["lumel_rays"], load=load,
                     versions="%s, binary %s" % (report["generator"], common.digest(common.LUMEL)[:8]))
@@ -138,10 +135,6 @@ class Scene:
         """the lightmap rectangle of each node in a bake"""
         with open(bake["manifest"]) as f:
             return json.load(f)["nodes"]
-
-    def map_of(self, setting):
-        """the lightmap of a setting that this run has baked, or None"""
-        return self.maps.get(setting)
 
     def cycles(self, samples, denoise, run):
         out = os.path.join(self.a.work, "%s.cycles%d" % (self.name, samples))
@@ -244,13 +237,12 @@ def main():
     ap.add_argument("--scenes", help="[default: %s]" % ",".join(speed_scenes.FIVE))
     ap.add_argument("--final", action="store_true", help="--resume, with the slow ones but for `--error`, and lumel's `production` after all else; the page is written after each scene")
     ap.add_argument("--resume", action="store_true", help="runs of the same atlas (and binary, lumel's) that the CSV holds already are not made again")
-    ap.add_argument("--pictures", action="store_true", help="the pictures of known weaknesses too, each with a reference of its own")
     ap.add_argument("--lumel-only", action="store_true", help="no Cycles; its rows of an earlier run are kept")
     ap.add_argument("--full", action="store_true", help="the slow settings too")
     ap.add_argument("--smoke", action="store_true", help="few settings, few lumels, bad references: does it run?  Writes into --work only")
     ap.add_argument("--references-only", action="store_true")
     ap.add_argument("--reference-time", type=float, default=1.0, help="scales the time limits of references that are made")
-    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each scene's references; with --references-only a quarter as much for each picture's too")
+    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each scene's references")
     ap.add_argument("--docs", help="folder of data/speed_error.csv, images/ and the page [default: the project's; with --smoke --work]")
     ap.add_argument("--page-only", action="store_true")
     ap.add_argument("--repeat", type=int, default=3)
@@ -279,10 +271,6 @@ def main():
             continue
         ready.append(Scene(name, path, a))
     if a.references_only:
-        for s in ready:
-            for w in speed_page.WEAKNESSES:
-                if w["scene"] == s.name and a.pictures:
-                    error_map.truth_of(s.refs, w, a.refine / 4)
         return
     book = Book(table, a.resume)
     for scene in ready:
@@ -290,8 +278,6 @@ def main():
         speed_page.write(speed_page.read_csv(table), docs)
     for scene in ready if a.final else []:
         scene.sweep(with_cycles, book, last=True)
-    if a.pictures and not a.smoke:
-        speed_page.weaknesses({s.name: s for s in ready}, docs, say)
     speed_page.write(speed_page.read_csv(table), docs)
 
 

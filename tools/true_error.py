@@ -3,6 +3,7 @@
 
     tools/true_error.py --out DIR [--seeds A..B] [--families F,G] [--quality Q,R] [--lumels 400]
                         [--paths 2048] [--lumel PATH] [--bin DIR] [--label NAME] [--cameras]
+                        [--error X]
 
 For every family and seed: draws a small level, bakes it, and compares randomly drawn lumels with
 the tests' path tracer (`path-trace --lumels`), which shares no code with the baker. Adds a row to
@@ -15,7 +16,8 @@ path tracer does not model are left out.
 Error: (bake - truth) / (truth + 1 % of the mean truth), by luminance, at most 1 as in the report.
 Root mean squares have the truth's own noise subtracted, medians do not: they need many paths.
 `spread` is the standard deviation of true_rms over resampled lumels; the summary judges levels where it is at most a quarter
-of it, and counts the others. The path tracer has no smooth shading, so levels with it (cave,
+of it, and counts the others. `--error X` asks bakes for this error; the summary counts those that
+reach it in truth, and those that say that they did not. The path tracer has no smooth shading, so levels with it (cave,
 terrain, stairs) differ for another reason.
 Needs OpenEXR and numpy (tools/setup.sh).
 """
@@ -34,7 +36,8 @@ import OpenEXR
 
 ROOT = Path(__file__).resolve().parent.parent
 FIELDS = ["label", "level", "quality", "lumels", "claimed_rms", "true_rms", "claimed_median",
-          "true_median", "spread", "layer_rms", "bias", "noise_rms", "seconds"]
+          "true_median", "spread", "layer_rms", "bias", "noise_rms", "seconds", "asked",
+          "reached"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 JUDGED = 0.25
 FAMILIES = ("archviz", "blocks", "furniture", "greybox", "kit", "lamps", "maze", "sheets", "suite")
@@ -75,6 +78,7 @@ def compare(level, quality, a):
     shutil.rmtree(folder, ignore_errors=True)
     command = [a.lumel, "bake", level, "-o", folder, "--quality", quality, "--no-vertex-colors",
                "--no-split-sides", "--layers", "error,coverage", "-q", *a.option]
+    command += ["--error", a.error] if a.error else []
     before = os.times()
     subprocess.run(list(map(str, command)), check=True, capture_output=True)
     after = os.times()
@@ -117,7 +121,8 @@ def compare(level, quality, a):
             "true_rms": rms(square), "true_median": abs(off[half]),
             "spread": np.std([rms(square[d], weight[d]) for d in draws]),
             "layer_rms": rms(claimed ** 2), "bias": bias,
-            "noise_rms": rms(noise ** 2), "seconds": seconds}
+            "noise_rms": rms(noise ** 2), "seconds": seconds, "asked": a.error or "",
+            "reached": report.get("error_reached")}
 
 
 def summary(rows):
@@ -136,6 +141,14 @@ def summary(rows):
                   "2.5; %d not known" % (quality, name, true, np.median(ratio), ratio.min(),
                                          ratio.max(), len(ratio), *near,
                                          len(all_rows) - len(ratio)))
+        asked = [r for r in all_rows if r["asked"]]
+        if asked:
+            kept = [r for r in asked if float(r["true_rms"]) <= float(r["asked"])]
+            said = [r for r in asked if r not in kept and r["reached"] == "False"]
+            wrong = [r for r in asked if r not in kept + said]
+            print("%s, --error: %d of %d levels reach it in truth, %d say that they do not; the others: %s" % (
+                quality, len(kept), len(asked), len(said),
+                ", ".join("%s %.3f for %s" % (r["level"], float(r["true_rms"]), r["asked"]) for r in wrong) or "none"))
 
 
 def main():
@@ -151,6 +164,7 @@ def main():
     parser.add_argument("--label", default="today")
     parser.add_argument("--cameras", action="store_true")
     parser.add_argument("--option", action="append", default=[])
+    parser.add_argument("--error", type=float)
     a = parser.parse_args()
     a.lumel = a.lumel or a.bin / "lumel"
     (a.out / "levels").mkdir(parents=True, exist_ok=True)
@@ -177,7 +191,7 @@ def main():
                         writer.writeheader()
                     writer.writerow(row)
                 print(level.stem, quality, " ".join(
-                    "%s %.4f" % (k, row[k]) for k in FIELDS[4:]), flush=True)
+                    "%s %.4f" % (k, row[k]) for k in FIELDS[4:13]), row["reached"], flush=True)
     rows = [r for r in csv.DictReader(name.open()) if r["label"] == a.label]
     summary(rows)
 
