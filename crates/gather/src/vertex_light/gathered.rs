@@ -91,23 +91,30 @@ pub(super) fn gather(
         };
         gatherer.gather_direct(&footprint, job.seed, &indirect)
     })?;
-    // Shared rays are counted once, with the first job.
-    let mut out: Vec<Received> = Vec::with_capacity(jobs.len());
+    Ok(each(&groups, &group_of, &shared, own))
+}
+
+/// The light of each job: its own where several share, of which `own` holds only these.
+fn each(
+    groups: &[Group],
+    group_of: &[u32],
+    shared: &[Received],
+    own: Vec<Received>,
+) -> Vec<Received> {
     let mut own = own.into_iter();
-    for (k, &g) in group_of.iter().enumerate() {
+    let of_job = |(k, &g): (usize, &u32)| {
         let (group, shared) = (&groups[g as usize].jobs, &shared[g as usize]);
-        out.push(match group.len() {
-            1 => shared.clone(),
-            _ => {
-                let mut own = own.next().unwrap_or_default();
-                if group[0] as usize == k {
-                    own.rays += shared.rays;
-                }
-                own
-            }
-        });
-    }
-    Ok(out)
+        if group.len() == 1 {
+            return shared.clone();
+        }
+        let mut own = own.next().unwrap_or_default();
+        // Shared rays are counted once, with the first job.
+        if group[0] as usize == k {
+            own.rays += shared.rays;
+        }
+        own
+    };
+    group_of.iter().enumerate().map(of_job).collect()
 }
 
 /// The light of each group, smoothed.

@@ -556,8 +556,8 @@ fn patches_do_not_carry_light_into_a_gap() {
     }
 }
 
-/// Half of what leaves a side of a gap of height h arrives at the other within h/√3, so light gets
-/// into it about as far. Patches of 28 cm have elements of 7 cm.
+/// Half of what leaves a point in a gap of height h arrives at the other side within h of the point
+/// opposite, so light gets in about as far. Patches of 28 cm have elements of 7 cm.
 #[test]
 fn patches_deep_in_a_gap_are_divided_unless_it_is_narrow() {
     for (h, divided) in [(0.026, true), (0.003, false)] {
