@@ -138,8 +138,8 @@ fn between(bake: &Bake, node: &str, low: f64, high: f64) -> f64 {
     between.count() as f64 / lumels.len() as f64
 }
 
-/// Where the sky gives half of the light, too, so that the difference is just noticed: a board whose
-/// shadow is four by three lumels.
+/// The sky gives half of the light, so that the difference is just noticed: a board whose shadow is
+/// four by three lumels.
 #[test]
 fn short_edges_of_grey_shadows_are_cut() {
     let small = [Vec3::new(-0.4, 1.0, -0.3), Vec3::new(0.4, 1.02, 0.3)];
