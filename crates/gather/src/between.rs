@@ -5,6 +5,7 @@ use radiosity::luminance;
 use rayon::prelude::*;
 
 use crate::map::LumelMap;
+use crate::plan::WIDE_FACING;
 use crate::received::{Edge, Received};
 
 /// Direct light is interpolated if linear interpolation between two neighbours and cubic
@@ -102,17 +103,19 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
     let next = |j: usize| -> Option<usize> {
         let [u, v] = map.lumel(j).texel.map(i64::from);
         let at = |k: i64| map.index.at(l.page, x + k * (u - x), y + k * (v - y));
-        let (between, far) = (at(2)?, at(3)?);
-        let (near, r) = (&received[j], &received[far]);
-        let way = r.position - near.position;
-        // Adjacent texels of a chart need not be adjacent on the surface.
-        let goes_on = way.length() <= 4.0 * near.size
-            && way.dot(near.normal).abs() <= 0.5 * near.size
-            && [between, far].into_iter().all(|k| {
-                let r = &received[k];
-                let clear = map.plan.is(k) || (r.open == 1.0 && !r.near);
-                clear && map.lumel(k).instance == l.instance
-            });
+        let (near, between, far) = (&received[j], at(2)?, at(3)?);
+        let goes_on = [between, far].into_iter().all(|k| {
+            let r = &received[k];
+            let clear = map.plan.is(k) || (r.open == 1.0 && !r.near);
+            // Adjacent texels need not be adjacent on the surface, nor on the same side of a thin
+            // thing.
+            let way = r.position - near.position;
+            clear
+                && map.lumel(k).instance == l.instance
+                && r.normal.dot(near.normal) >= WIDE_FACING
+                && way.length() <= 4.0 * near.size
+                && way.dot(near.normal).abs() <= 0.5 * near.size
+        });
         goes_on.then_some(far)
     };
     // Opposite neighbours: the first and the second of two, the first and the last, and the second
@@ -191,5 +194,35 @@ pub(crate) fn interpolate(map: &mut LumelMap) {
         for (plane, of) in r.planes.iter_mut().zip(b.planes) {
             [plane.indirect, plane.first_half] = of;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::smooth::tests::map_of;
+
+    /// The lumels that the second of a row of six is interpolated between. The last two are on the
+    /// other side of a board as thick as a fifth of a lumel, if `turned`.
+    fn read(turned: bool) -> Vec<usize> {
+        let received = (0..6u8).map(|k| {
+            let behind = turned && k > 3;
+            Received {
+                position: Vec3::new(f32::from(k), 0.0, if behind { -0.2 } else { 0.0 }),
+                normal: if behind { -Vec3::Z } else { Vec3::Z },
+                size: 1.0,
+                open: 1.0,
+                ..Received::default()
+            }
+        });
+        let mut map = map_of(received.collect(), [6, 1]);
+        map.plan.beside[1] = [Some(0), Some(2), None, None];
+        taps(&map, 1).list().iter().map(|(j, _)| *j).collect()
+    }
+
+    #[test]
+    fn light_is_not_interpolated_with_the_other_side_of_a_board() {
+        assert_eq!(read(false), [0, 2, 4]);
+        assert_eq!(read(true), [0, 2]);
     }
 }

@@ -40,7 +40,7 @@ const SIGMAS: f32 = 3.0;
 /// light of these lumels.
 const WIDE_CLEAR: f32 = 1.0;
 const WIDE_STEADY: f32 = 0.3;
-const WIDE_FACING: f32 = 0.85;
+pub(crate) const WIDE_FACING: f32 = 0.85;
 const WIDE_COVERED: f32 = 0.1;
 
 /// The neighbours that a lumel is interpolated between.

@@ -425,24 +425,43 @@ pub(crate) mod tests {
         move || (0..12).map(|_| uniform()).sum::<f32>() - 6.0
     }
 
+    /// A map of one flat surface with the light of its lumels, row by row.
+    pub(crate) fn map_of(received: Vec<Received>, [width, height]: [u32; 2]) -> LumelMap {
+        let texels = (0..width * height).map(|k| [k % width, k / width]);
+        let mut lumels = Lumels::default();
+        lumels.lumels.extend(texels.map(|texel| Lumel {
+            page: 0,
+            texel,
+            instance: 0,
+            first: 0,
+            count: 1,
+            coverage: 1.0,
+        }));
+        let layout = Layout {
+            pages: vec![[width, height]],
+            ..Layout::default()
+        };
+        LumelMap {
+            index: TexelIndex::build(&lumels.lumels, &layout),
+            plan: Plan::none(received.len()),
+            barriers: Barriers::default(),
+            times: vec![1; received.len()],
+            has: vec![true],
+            lumels,
+            received,
+        }
+    }
+
     /// Rows of luminance after smoothing a surface of so many lumels. `lumel` gives the light of
     /// each column and row, its standard error, and how much of the lumel is visible.
     fn smoothed([width, height]: [u32; 2], lumel: impl Fn(u32, u32) -> [f32; 3]) -> Vec<Vec<f32>> {
         let mut normal = normal_numbers();
-        let (mut lumels, mut received) = (Lumels::default(), Vec::new());
-        for [x, y] in (0..width * height).map(|k| [k % width, k / width]) {
+        let received = (0..width * height).map(|k| {
+            let [x, y] = [k % width, k / width];
             let [light, noise, open] = lumel(x, y);
-            lumels.lumels.push(Lumel {
-                page: 0,
-                texel: [x, y],
-                instance: 0,
-                first: 0,
-                count: 1,
-                coverage: 1.0,
-            });
             // Halves have twice the variance.
             let halves = [0; 2].map(|_| light + noise * 2f32.sqrt() * normal());
-            received.push(Received {
+            Received {
                 indirect: Vec3::splat(0.5 * (halves[0] + halves[1])),
                 first_half: Vec3::splat(halves[0]),
                 indirect_variance: noise * noise,
@@ -451,22 +470,10 @@ pub(crate) mod tests {
                 size: 1.0,
                 open,
                 ..Received::default()
-            });
-        }
-        let layout = Layout {
-            pages: vec![[width, height]],
-            ..Layout::default()
-        };
-        let certainty = Certainty::measure(&received, |_| true, 128, 1.0);
-        let mut map = LumelMap {
-            index: TexelIndex::build(&lumels.lumels, &layout),
-            plan: Plan::none(received.len()),
-            barriers: Barriers::default(),
-            times: vec![1; received.len()],
-            has: vec![true],
-            lumels,
-            received,
-        };
+            }
+        });
+        let mut map = map_of(received.collect(), [width, height]);
+        let certainty = Certainty::measure(&map.received, |_| true, 128, 1.0);
         let trust = Trust {
             certainty: &certainty,
             sure: &|_| false,
