@@ -103,19 +103,19 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
     let next = |j: usize| -> Option<usize> {
         let [u, v] = map.lumel(j).texel.map(i64::from);
         let at = |k: i64| map.index.at(l.page, x + k * (u - x), y + k * (v - y));
-        let (near, between, far) = (&received[j], at(2)?, at(3)?);
-        let goes_on = [between, far].into_iter().all(|k| {
-            let r = &received[k];
-            let clear = map.plan.is(k) || (r.open == 1.0 && !r.near);
-            // Adjacent texels need not be adjacent on the surface, nor on the same side of a thin
-            // thing.
-            let way = r.position - near.position;
-            clear
-                && map.lumel(k).instance == l.instance
-                && r.normal.dot(near.normal) >= WIDE_FACING
-                && way.length() <= 4.0 * near.size
-                && way.dot(near.normal).abs() <= 0.5 * near.size
-        });
+        let (between, far) = (at(2)?, at(3)?);
+        let (near, r) = (&received[j], &received[far]);
+        let way = r.position - near.position;
+        // Adjacent texels of a chart need not be adjacent on the surface, nor on the same side of a
+        // thin thing. What lies between may not have been gathered yet.
+        let goes_on = r.normal.dot(near.normal) >= WIDE_FACING
+            && way.length() <= 4.0 * near.size
+            && way.dot(near.normal).abs() <= 0.5 * near.size
+            && [between, far].into_iter().all(|k| {
+                let r = &received[k];
+                let clear = map.plan.is(k) || (r.open == 1.0 && !r.near);
+                clear && map.lumel(k).instance == l.instance
+            });
         goes_on.then_some(far)
     };
     // Opposite neighbours: the first and the second of two, the first and the last, and the second
