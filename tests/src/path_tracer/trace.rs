@@ -14,10 +14,6 @@ use super::tree::{Hit, Ray, Tree};
 /// absorb nothing.
 const MOST_SURVIVAL: f64 = 0.99;
 
-/// Largest relative difference of the distances of two faces with the same corners: some hundred
-/// roundings of `f64`, and a millionth of any gap that is modelled.
-const SAME: f64 = 1e-12;
-
 /// How the light of emissive triangles is found. All three methods are unbiased and count every
 /// emitter once; they differ in variance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -278,20 +274,11 @@ impl PathTracer {
                 t_max: f64::INFINITY,
                 skip: [x.triangle; 2],
             };
-            let Some(mut hit) = self.tree.closest(&ray) else {
+            let Some(hit) = self.tree.closest(&ray) else {
                 return sum + weight * self.scene.sky * PI;
             };
             if self.is_black(&hit, direction) {
-                // A face back to back with this one is at the same distance, up to rounding.
-                let same = Ray {
-                    t_max: hit.t * (1.0 + SAME),
-                    skip: [x.triangle, hit.triangle],
-                    ..ray
-                };
-                match self.tree.closest(&same) {
-                    Some(front) if !self.is_black(&front, direction) => hit = front,
-                    _ => return sum,
-                }
+                return sum;
             }
             let surface = self.scene.surfaces[self.scene.triangles[hit.triangle].surface];
             let facing = -self.normals[hit.triangle].dot(direction);

@@ -47,7 +47,8 @@ pub struct Tree {
     triangles: Vec<Triangle>,
     order: Vec<usize>,
     nodes: Vec<Node>,
-    t_min: f64,
+    /// Faces within this distance of each other, in metres, are in the same place.
+    same: f64,
 }
 
 impl Tree {
@@ -63,13 +64,11 @@ impl Tree {
         let mut tree = Tree {
             order: (0..triangles.len()).collect(),
             nodes: Vec::new(),
-            // A ray that starts on a surface may find a neighbour within rounding, about 1e-16 of
-            // the scene's size. 1e-10 is far above that, and far below what a lumel could resolve.
-            t_min: size * 1e-10,
+            same: size * SAME,
             triangles,
         };
         if !tree.triangles.is_empty() {
-            tree.split(0, tree.triangles.len(), size * 1e-12);
+            tree.split(0, tree.triangles.len(), size * SAME);
         }
         tree
     }
@@ -146,7 +145,7 @@ impl Tree {
                 if ray.skip.contains(&i) {
                     continue;
                 }
-                if let Some(t) = meets_triangle(&self.triangles[i], ray, self.t_min)
+                if let Some(t) = meets_triangle(&self.triangles[i], ray, self.same)
                     && self.comes_first(ray, Hit { t, triangle: i }, best)
                 {
                     t_max = t;
@@ -160,16 +159,21 @@ impl Tree {
         best
     }
 
-    /// Whether `hit` comes before the nearest one so far. Of two in the same place, as of the faces of
-    /// a wall without thickness, it is the one that shows its front.
+    /// Whether `hit` comes before the nearest one so far. Of two in the same place it is the one that
+    /// shows its front, as of the faces of a wall without thickness, else the earlier one in the
+    /// file, as in Lumel.
     fn comes_first(&self, ray: &Ray, hit: Hit, best: Option<Hit>) -> bool {
         let Some(best) = best else {
             return hit.t < ray.t_max;
         };
-        let front = |h: &Hit| self.triangles[h.triangle].normal().dot(ray.direction) < 0.0;
-        match (hit.t - best.t).abs() < SAME * best.t && front(&hit) != front(&best) {
-            true => front(&hit),
-            false => hit.t < best.t,
+        let [facing, of_best] =
+            [hit, best].map(|h| self.triangles[h.triangle].normal().dot(ray.direction));
+        if (hit.t - best.t).abs() * facing.abs() > self.same {
+            return hit.t < best.t;
+        }
+        match (facing < 0.0) == (of_best < 0.0) {
+            true => hit.triangle < best.triangle,
+            false => facing < 0.0,
         }
     }
 
@@ -180,7 +184,7 @@ impl Tree {
             if ray.skip.contains(&i) {
                 continue;
             }
-            if let Some(t) = meets_triangle(triangle, ray, self.t_min)
+            if let Some(t) = meets_triangle(triangle, ray, self.same)
                 && self.comes_first(ray, Hit { t, triangle: i }, best)
             {
                 best = Some(Hit { t, triangle: i });
@@ -190,19 +194,22 @@ impl Tree {
     }
 }
 
-/// Relative difference of distances at which two hits are in the same place: some roundings of f64.
-const SAME: f64 = 1e-13;
+/// Faces closer together than this fraction of the scene's size are in the same place: about a
+/// rounding of f32, the precision of a file's corners. Where a bed's headboard is flush with a wall,
+/// the sign of that rounding would decide which of the two is seen.
+const SAME: f64 = 1e-7;
 
 fn meets_box(node: &Node, origin: DVec3, inverse: DVec3, t_max: f64) -> bool {
     let (a, b) = ((node.min - origin) * inverse, (node.max - origin) * inverse);
     a.min(b).max_element() <= a.max(b).min_element().min(t_max) && a.max(b).min_element() >= 0.0
 }
 
-/// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997; no culling.
+/// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997; no culling. Faces
+/// within `same` of the origin do not count: it is on them.
 ///
 /// Rays that pass between two triangles through the rounding error of their shared edge are lost,
 /// about 1e-16 of all rays.
-fn meets_triangle(triangle: &Triangle, ray: &Ray, t_min: f64) -> Option<f64> {
+fn meets_triangle(triangle: &Triangle, ray: &Ray, same: f64) -> Option<f64> {
     let [a, b, c] = triangle.corners;
     let (e1, e2) = (b - a, c - a);
     let p = ray.direction.cross(e2);
@@ -210,10 +217,13 @@ fn meets_triangle(triangle: &Triangle, ray: &Ray, t_min: f64) -> Option<f64> {
     if det == 0.0 {
         return None;
     }
-    let s = ray.origin - a;
+    let (s, normal) = (ray.origin - a, e1.cross(e2));
+    if s.dot(normal).abs() <= same * normal.length() {
+        return None;
+    }
     let u = s.dot(p) / det;
     let q = s.cross(e1);
     let v = ray.direction.dot(q) / det;
     let t = e2.dot(q) / det;
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > t_min).then_some(t)
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
 }
