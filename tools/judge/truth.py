@@ -17,7 +17,7 @@ from . import scene as scenes
 from .trace import GOLDEN, LUMINANCE, Tracer, dr, mi
 
 SIDE = 2                        # subpixels along each side of a pixel
-VERSION = 4                     # of the pictures; part of the cache's key
+VERSION = 5                     # of the pictures; part of the cache's key
 BATCHES = 4                     # of paths, from which the noise of a view's mean is told
 NOISE = 0.003                   # standard error of that mean, relative; paths are added until ...
 MOST = 8                        # ... there are this many times as many
