@@ -295,6 +295,48 @@ fn the_tree_finds_what_looking_at_every_triangle_finds() {
 }
 
 #[test]
+fn of_faces_in_one_place_the_first_is_met() {
+    // A bed's headboard flush with a wall, a rounding of f32 in front of it or behind.
+    let square = |z: f64, size: f64, surface| {
+        let corner = |x: f64, y: f64| DVec3::new(x * size, y * size, z);
+        let triangle = |corners| Triangle {
+            corners,
+            surface,
+            node: 0,
+            lightmap: None,
+        };
+        [
+            triangle([corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)]),
+            triangle([corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]),
+        ]
+    };
+    let ray = |origin, direction| Ray {
+        origin,
+        direction,
+        t_max: f64::INFINITY,
+        skip: [usize::MAX; 2],
+    };
+    // Rounding is 1.2e-7 of a coordinate, the scene 9 m wide.
+    for (gap, first) in [(5e-8, 0), (-5e-8, 0), (1e-5, 2)] {
+        let wall = square(0.0, 3.0, 0);
+        let board = square(gap, 1.0, 1);
+        let tree = Tree::new([wall, board].concat());
+        for (x, y) in [(0.3, 0.2), (0.2, 0.3), (-0.7, 0.1)] {
+            let toward = DVec3::new(0.1, 0.2, -1.0);
+            let ahead = ray(
+                DVec3::new(x, y, 2.0) - 2.0 * toward * DVec3::new(1.0, 1.0, 0.0),
+                toward,
+            );
+            let hit = tree.closest(&ahead).expect("a wall");
+            assert_eq!(hit.triangle / 2 * 2, first, "{gap}");
+            // What leaves either does not meet the other.
+            let back = ray(ahead.origin + toward * hit.t, -toward);
+            assert_eq!(tree.closest(&back), None, "{gap}");
+        }
+    }
+}
+
+#[test]
 fn footprints_cover_the_charts() {
     // A triangle of half a 10 × 10 page, another on a page that does not exist.
     let triangle = |page| Triangle {
