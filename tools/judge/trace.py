@@ -19,7 +19,7 @@ import os
 
 import numpy as np
 
-import coincide
+from . import coincide
 
 for _found in sorted(glob.glob("/usr/lib/*/libLLVM*19*so*")):
     os.environ.setdefault("DRJIT_LIBLLVM_PATH", _found)
