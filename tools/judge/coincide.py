@@ -39,14 +39,21 @@ def later(corners, face, same):
 
 
 def within(triangles, corners, face, height, same, least):
-    """the same among triangles of nearly one plane, in rising order"""
+    """the same among triangles of nearly one plane"""
     n = face[triangles[0]]
     u = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
     u /= np.linalg.norm(u)
     flat = corners[triangles] @ np.stack([u, np.cross(n, u)], 1)
     low, high = flat.min(1) + least, flat.max(1) - least
+    # Sweep along the first axis: those that begin before k and may still reach it.
+    order = np.argsort(low[:, 0], kind="stable")
+    triangles, flat, height, low, high = (
+        x[order] for x in (triangles, flat, height, low, high))
+    begin = np.searchsorted(np.maximum.accumulate(high[:, 0]), low[:, 0], side="right")
     for k in range(1, len(triangles)):
-        near = (np.abs(height[:k] - height[k]) <= same) \
-            & (low[:k] < high[k]).all(1) & (high[:k] > low[k]).all(1)
-        if any(not apart(flat[j], flat[k], least) for j in np.flatnonzero(near)):
-            yield triangles[k]
+        b = slice(begin[k], k)
+        near = (np.abs(height[b] - height[k]) <= same) & (high[b, 0] > low[k, 0]) \
+            & (low[b, 1] < high[k, 1]) & (high[b, 1] > low[k, 1])
+        for j in begin[k] + np.flatnonzero(near):
+            if not apart(flat[j], flat[k], least):
+                yield max(triangles[j], triangles[k])
