@@ -168,7 +168,8 @@ impl Tree {
         };
         let [facing, of_best] =
             [hit, best].map(|h| self.triangles[h.triangle].normal().dot(ray.direction));
-        if (hit.t - best.t).abs() * facing.abs() > self.same {
+        // By the steeper of both: a face that the ray grazes is near to all of it.
+        if (hit.t - best.t).abs() * facing.abs().max(of_best.abs()) > self.same {
             return hit.t < best.t;
         }
         match (facing < 0.0) == (of_best < 0.0) {
