@@ -13,7 +13,7 @@ use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
 use patch_subdivision::Subdivision;
 
-use crate::emitters::{Emitter, Emitters, Few};
+use crate::emitters::{Emitter, Emitters, Parts};
 use crate::roles::{MASKS, MaskLamps};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
@@ -441,7 +441,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             is_random,
             tally,
             term,
-            few: None,
+            parts: None,
             bit,
             set: work.set,
             shift,
@@ -473,10 +473,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         work: &mut Work<P>,
     ) {
         let whole = work.options.base.max(1);
-        // The contribution of each of a few emitters is computed once for all points of the
-        // receiver.
-        if let (Term::Group(node, _), None) = (&light.term, &light.few) {
-            light.few = Some(self.emitters.few(*node, &work.first, work.scale));
+        // The contributions of a group's parts are computed once for all points of the receiver.
+        if let (Term::Group(node, _), None) = (&light.term, &light.parts) {
+            light.parts = Some(self.emitters.parts(*node, &work.first, work.scale));
         }
         while light.taken < target {
             let n = light.taken;
@@ -495,8 +494,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             } else {
                 [0.0; 4]
             };
-            let few = light.few.as_ref().and_then(Option::as_ref);
-            self.sample(&light.term, few, &p, random, &mut light.tally);
+            let parts = light.parts.as_ref();
+            self.sample(&light.term, parts, &p, random, &mut light.tally);
             light.taken += 1;
         }
     }
@@ -526,8 +525,8 @@ const WORTH: f32 = 2.0;
 /// A light that has been sampled.
 struct Started<'t> {
     term: Term<'t>,
-    /// The emitters of a group, once they have been looked up.
-    few: Option<Option<Few>>,
+    /// The parts of a group, once they have been looked up.
+    parts: Option<Parts>,
     is_random: bool,
     /// The light's bit in [`DirectEstimate::mixed`].
     bit: u32,

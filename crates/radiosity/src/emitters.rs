@@ -39,31 +39,34 @@ impl Emitter {
 /// them.
 const FEW: u32 = 16;
 
-/// A few emitters and the approximate contribution of each to a receiver.
-pub(crate) struct Few {
-    first: u32,
+/// Maximum number of parts of a node whose contributions to a receiver are computed one by one.
+const PARTS: usize = 128;
+
+/// Parts of a node, each an emitter or a smaller node, and their approximate contributions to a
+/// receiver.
+pub(crate) struct Parts {
     count: usize,
     sum: f32,
-    weights: [f32; FEW as usize],
+    nodes: [u32; PARTS],
+    weights: [f32; PARTS],
 }
 
-impl Few {
-    /// Samples one in proportion to its contribution and returns it with its probability; `None` if
-    /// none contributes. `x` ∈ [0, 1).
-    pub(crate) fn pick<'e>(&self, emitters: &'e Emitters, x: f64) -> Option<(&'e Emitter, f32)> {
-        let mut left = x as f32 * self.sum;
+impl Parts {
+    /// Chooses a part in proportion to its contribution, with `x` ∈ [0, 1). Returns it with its
+    /// probability and what is left of `x`; `None` if none contributes.
+    fn choose(&self, x: f64) -> Option<(u32, f32, f64)> {
+        let mut left = x * f64::from(self.sum);
         let mut chosen = None;
-        for (k, &weight) in self.weights[..self.count].iter().enumerate() {
-            if weight > 0.0 {
-                chosen = Some((k, weight / self.sum));
-                if left < weight {
-                    break;
-                }
-                left -= weight;
+        let parts = self.nodes.iter().zip(&self.weights).take(self.count);
+        for (&node, &weight) in parts.filter(|(_, weight)| **weight > 0.0) {
+            let within = left / f64::from(weight);
+            chosen = Some((node, weight / self.sum, within.min(1.0 - f64::EPSILON)));
+            if within < 1.0 {
+                break;
             }
+            left -= f64::from(weight);
         }
-        let (k, probability) = chosen?;
-        Some((&emitters.emitters[self.first as usize + k], probability))
+        chosen
     }
 }
 
@@ -176,35 +179,60 @@ impl Emitters {
             probability *= part;
             id = children[second as usize];
         }
-        let (e, own) = self.few(id, p, 0.0)?.pick(self, x)?;
+        let (leaf, own, _) = self.parts(id, p, 0.0).choose(x)?;
+        let e = &self.emitters[self.nodes[leaf as usize].start as usize];
         Some((e, (probability * own as f64) as f32))
     }
 
-    /// The emitters of a small node, with the contribution of each to a receiver of size `scale`
-    /// (metres) around `p`; `None` for larger nodes.
+    /// As [`pick`](Self::pick), of a node whose parts are known.
+    pub(crate) fn pick_of(
+        &self,
+        parts: &Parts,
+        p: &SurfacePoint,
+        x: f64,
+    ) -> Option<(&Emitter, f32)> {
+        let (node, share, x) = parts.choose(x)?;
+        let (e, own) = self.pick(node, p, x)?;
+        Some((e, share * own))
+    }
+
+    /// The parts of a node: all of its emitters if there are not too many. Their contributions are
+    /// to a receiver of size `scale` (metres) around `p`.
     ///
-    /// Emitters are evaluated individually: the faces of a node may look everywhere (as those of a
-    /// box do), and a choice between two nodes does not know which of their faces look away.
-    pub(crate) fn few(&self, node: u32, p: &SurfacePoint, scale: f32) -> Option<Few> {
-        let range = &self.nodes[node as usize];
-        let count = range.end - range.start;
-        if count > FEW {
-            return None;
-        }
-        let mut few = Few {
-            first: range.start,
-            count: count as usize,
+    /// Small parts, because the faces of a node may look everywhere (as those of a box or a bulb
+    /// do), and a choice between two nodes does not know which of their faces look away.
+    pub(crate) fn parts(&self, node: u32, p: &SurfacePoint, scale: f32) -> Parts {
+        let mut parts = Parts {
+            count: 0,
             sum: 0.0,
-            weights: [0.0; FEW as usize],
+            nodes: [0; PARTS],
+            weights: [0.0; PARTS],
         };
-        // The subtree of a node follows it.
-        let subtree = &self.nodes[node as usize..(node + 2 * count - 1) as usize];
-        for leaf in subtree.iter().filter(|n| n.second == 0) {
-            let weight = leaf.importance(p.position, p.normal, scale);
-            few.weights[(leaf.start - range.start) as usize] = weight;
-            few.sum += weight;
+        let count = |node: &Node| (node.end - node.start) as usize;
+        // A child has at least a quarter of its parent's emitters (`lower_part`), so this makes at
+        // most four times as many parts as it says.
+        let most = match count(&self.nodes[node as usize]) {
+            n if n <= PARTS => 1,
+            n => n / (PARTS / 4),
+        };
+        let mut stack = [0u32; 64];
+        (stack[0], parts.count) = (node, 0);
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let id = stack[depth];
+            let node = &self.nodes[id as usize];
+            if count(node) > most {
+                (stack[depth], stack[depth + 1]) = (node.second, id + 1);
+                depth += 2;
+                continue;
+            }
+            let weight = node.importance(p.position, p.normal, scale);
+            (parts.nodes[parts.count], parts.weights[parts.count]) = (id, weight);
+            parts.sum += weight;
+            parts.count += 1;
         }
-        Some(few)
+        parts
     }
 
     /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its

@@ -6,7 +6,7 @@ use mesh_ingest::{Light, LightKind};
 use super::cap::Cap;
 use super::tally::{Sample, Tally};
 use super::{DirectLight, Term};
-use crate::emitters::Few;
+use crate::emitters::Parts;
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, luminance};
 
@@ -33,11 +33,11 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// Takes one sample of a light at one point. `few` holds the emitters of a group, if known.
+    /// Takes one sample of a light at one point. `parts` are those of a group, if known.
     pub(super) fn sample(
         &self,
         term: &Term,
-        few: Option<&Few>,
+        parts: Option<&Parts>,
         p: &SurfacePoint,
         random: [f32; 4],
         tally: &mut Tally,
@@ -47,7 +47,7 @@ impl DirectLight<'_, '_> {
             Term::Lamps(node, chance) => self.lamps((*node, *chance), p, random, tally),
             Term::Sky(cell) => self.sky(cell, p, random, tally),
             Term::Triangle(e) => self.triangle(e, p, random, tally),
-            Term::Group(node, chance) => self.group((*node, *chance), few, p, random, tally),
+            Term::Group(node, chance) => self.group((*node, *chance), parts, p, random, tally),
         }
     }
 

@@ -5,7 +5,7 @@ use visibility::closest_point;
 
 use super::DirectLight;
 use super::tally::{Sample, Tally};
-use crate::emitters::{Emitter, Few};
+use crate::emitters::{Emitter, Parts};
 use crate::form_factor::form_factor_polygon;
 use crate::sampling::SphericalTriangle;
 use crate::world::{SurfacePoint, luminance};
@@ -117,7 +117,7 @@ impl DirectLight<'_, '_> {
     pub(super) fn group(
         &self,
         (node, chance): (u32, f32),
-        few: Option<&Few>,
+        parts: Option<&Parts>,
         p: &SurfacePoint,
         random: [f32; 4],
         tally: &mut Tally,
@@ -136,8 +136,8 @@ impl DirectLight<'_, '_> {
         }
         // Choosing within a group may need more than the 24 bits of one number.
         let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
-        let picked = match few {
-            Some(few) => few.pick(self.emitters, x),
+        let picked = match parts {
+            Some(parts) => self.emitters.pick_of(parts, p, x),
             None => self.emitters.pick(node, p, x),
         };
         let Some((e, probability)) = picked else {

@@ -18,6 +18,8 @@ pub(crate) struct Node {
     /// face anywhere.
     pub axis: Vec3,
     pub cos_spread: f32,
+    /// Mean normal of the fronts by power, not a unit vector; 0 if a side may face anywhere.
+    pub mean: Vec3,
     /// Emitters `[start, end)`.
     pub start: u32,
     pub end: u32,
@@ -68,11 +70,18 @@ impl Node {
                 // The smallest angle to a face: the spread of the faces is subtracted.
                 let sine = (1.0 - cos * cos).max(0.0).sqrt();
                 let spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
-                sends = cos * self.cos_spread + sine * spread + wider;
-                if sends <= 0.0 {
+                let most = cos * self.cos_spread + sine * spread + wider;
+                if most <= 0.0 {
                     return 0.0;
                 }
+                sends = most;
             }
+            // What faces around this mean send, if their other directions are spread evenly: exact
+            // for faces of one direction and for those of a sphere.
+            let mean = -middle.dot(self.mean) * inverse;
+            let varied = 0.25 * (1.0 - self.mean.length_squared()).max(0.0);
+            let expected = 0.5 * (mean + (mean * mean + varied).sqrt());
+            sends = sends.min(expected.max(PARTLY * sends));
         }
         self.power * receives.min(1.0) * sends.min(1.0) / limit
     }
@@ -81,6 +90,10 @@ impl Node {
 /// Allows for rounding (a thousandth of a right angle), and keeps every probability large enough to
 /// divide by.
 const ROUNDING: f32 = 1e-3;
+
+/// Least share of the upper bound that a node is given: the expected value knows neither its size
+/// nor how few of its faces may be seen.
+const PARTLY: f32 = 0.1;
 
 /// A node is small if its angular size (radius over distance) is below this: 1/d² then varies by
 /// ±10 %.
@@ -112,6 +125,7 @@ pub(super) fn leaf(e: &Emitter, start: u32) -> Node {
         power: e.power() as f32,
         axis: e.normal,
         cos_spread: if e.two_sided { -1.0 } else { 1.0 },
+        mean: if e.two_sided { Vec3::ZERO } else { e.normal },
         start,
         end: start + 1,
         second: 0,
@@ -159,6 +173,7 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
         power: 0.0,
         axis: Vec3::ZERO,
         cos_spread: -1.0,
+        mean: Vec3::ZERO,
         start: start as u32,
         end: end as u32,
         second: 0,
@@ -173,6 +188,7 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
     node.power = power;
     if power > 0.0 {
         node.origin = a.origin.lerp(b.origin, b.power / power);
+        node.mean = a.mean.lerp(b.mean, b.power / power);
     }
     (node.axis, node.cos_spread) = (axis, cos_spread);
     id
