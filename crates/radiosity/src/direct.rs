@@ -475,7 +475,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let whole = work.options.base.max(1);
         // The contributions of a group's parts are computed once for all points of the receiver.
         if let (Term::Group(node, _), None) = (&light.term, &light.parts) {
-            light.parts = Some(self.emitters.parts(*node, &work.first, work.scale));
+            let parts = self.emitters.parts(*node, &work.first, work.scale);
+            light.parts = Some(Box::new(parts));
         }
         while light.taken < target {
             let n = light.taken;
@@ -494,7 +495,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             } else {
                 [0.0; 4]
             };
-            let parts = light.parts.as_ref();
+            let parts = light.parts.as_deref();
             self.sample(&light.term, parts, &p, random, &mut light.tally);
             light.taken += 1;
         }
@@ -525,8 +526,8 @@ const WORTH: f32 = 2.0;
 /// A light that has been sampled.
 struct Started<'t> {
     term: Term<'t>,
-    /// The parts of a group, once they have been looked up.
-    parts: Option<Parts>,
+    /// The parts of a group, once they have been looked up. In a box, as there are many bytes.
+    parts: Option<Box<Parts>>,
     is_random: bool,
     /// The light's bit in [`DirectEstimate::mixed`].
     bit: u32,

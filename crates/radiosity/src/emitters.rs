@@ -200,7 +200,8 @@ impl Emitters {
     /// to a receiver of size `scale` (metres) around `p`.
     ///
     /// Small parts, because the faces of a node may look everywhere (as those of a box or a bulb
-    /// do), and a choice between two nodes does not know which of their faces look away.
+    /// do), and a choice between two nodes does not know which of their faces look away. Many faces
+    /// that look the same way remain one part.
     pub(crate) fn parts(&self, node: u32, p: &SurfacePoint, scale: f32) -> Parts {
         let mut parts = Parts {
             count: 0,
@@ -216,13 +217,14 @@ impl Emitters {
             n => n / (PARTS / 4),
         };
         let mut stack = [0u32; 64];
-        (stack[0], parts.count) = (node, 0);
+        stack[0] = node;
         let mut depth = 1;
         while depth > 0 {
             depth -= 1;
             let id = stack[depth];
             let node = &self.nodes[id as usize];
-            if count(node) > most {
+            let alike = node.cos_spread > tree::ALIKE && count(node) > FEW as usize;
+            if count(node) > most && !alike {
                 (stack[depth], stack[depth + 1]) = (node.second, id + 1);
                 depth += 2;
                 continue;

@@ -18,7 +18,7 @@ pub(crate) struct Node {
     /// face anywhere.
     pub axis: Vec3,
     pub cos_spread: f32,
-    /// Mean normal of the fronts by power, not a unit vector; 0 if a side may face anywhere.
+    /// Mean normal by power, not a unit vector; those of both sides of a face cancel out.
     pub mean: Vec3,
     /// Emitters `[start, end)`.
     pub start: u32,
@@ -38,10 +38,11 @@ impl Node {
     /// cannot contribute.
     ///
     /// power × cosθ cosθ'/d² (after Conty Estevez & Kulla, *Importance sampling of many lights with
-    /// adaptive tree splitting*, 2018), where the cosines are upper bounds over all points and
-    /// faces of the node. A sphere of angular radius asin s increases a positive cosine by at most
-    /// s; if even the bound is not positive, the whole node is hidden. `scale` is the size of the
-    /// receiver in metres. A receiver with a zero normal receives from all directions.
+    /// adaptive tree splitting*, 2018), where cosθ is an upper bound over all points of the node,
+    /// and cosθ' about the mean over its faces. A sphere of angular radius asin s increases a
+    /// positive cosine by at most s; if an upper bound is not positive, the whole node is hidden.
+    /// `scale` is the size of the receiver in metres. A receiver with a zero normal receives from
+    /// all directions.
     #[inline]
     pub(crate) fn importance(&self, p: Vec3, normal: Vec3, scale: f32) -> f32 {
         let d2 = self.origin.distance_squared(p);
@@ -63,27 +64,30 @@ impl Node {
         if receives <= 0.0 {
             return 0.0;
         }
-        let mut sends = 1.0;
+        let mut most = 1f32;
         if self.cos_spread > -1.0 {
             let cos = -middle.dot(self.axis) * inverse;
             if cos < self.cos_spread {
                 // The smallest angle to a face: the spread of the faces is subtracted.
                 let sine = (1.0 - cos * cos).max(0.0).sqrt();
                 let spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
-                let most = cos * self.cos_spread + sine * spread + wider;
+                most = (cos * self.cos_spread + sine * spread + wider).min(1.0);
                 if most <= 0.0 {
                     return 0.0;
                 }
-                sends = most;
             }
-            // What faces around this mean send, if their other directions are spread evenly: exact
-            // for faces of one direction and for those of a sphere.
-            let mean = -middle.dot(self.mean) * inverse;
-            let varied = 0.25 * (1.0 - self.mean.length_squared()).max(0.0);
-            let expected = 0.5 * (mean + (mean * mean + varied).sqrt());
-            sends = sends.min(expected.max(PARTLY * sends));
         }
-        self.power * receives.min(1.0) * sends.min(1.0) / limit
+        // What faces around this mean send, if their other directions are spread evenly: exact for
+        // faces of one direction, and for those of a box or a sphere on average.
+        let mean = -middle.dot(self.mean) * inverse;
+        let expected = if self.cos_spread > ALIKE {
+            mean
+        } else {
+            let varied = 0.25 * (1.0 - self.mean.length_squared()).max(0.0);
+            0.5 * (mean + (mean * mean + varied).sqrt())
+        };
+        let sends = most.min(expected.max(PARTLY * most));
+        self.power * receives.min(1.0) * sends / limit
     }
 }
 
@@ -100,7 +104,7 @@ const PARTLY: f32 = 0.1;
 const SMALL: f32 = 0.05;
 
 /// Cosine of the angle (18°) within which faces count as parallel.
-const ALIKE: f32 = 0.95;
+pub(super) const ALIKE: f32 = 0.95;
 
 /// Sorts `emitters` and builds their tree, which is empty without emitters. O(n log n).
 pub(super) fn build(emitters: &mut [Emitter]) -> Vec<Node> {
